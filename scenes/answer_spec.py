@@ -9,11 +9,11 @@ from typing import Self
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 Scalar = float | int | str
-"""One value in a pack."""
+"""A single value: a number or a text."""
 
 
 class AnswerKind(StrEnum):
-    """Kinds of answers; the kind determines how an answer is graded."""
+    """The kind of an answer, which determines how it is graded."""
 
     NUMBER = "number"
     NUMBERS = "numbers"
@@ -31,11 +31,11 @@ class Variable(_SpecModel):
     """A variable of a formula."""
 
     meaning: str
-    """What it is."""
+    """The quantity that the variable stands for."""
     unit: str
-    """Its unit; `1` for a pure number."""
+    """Unit of the variable; `1` for a pure number."""
     range: tuple[float, float]
-    """The values between which the formula must hold."""
+    """Smallest and largest value for which the formula must hold."""
 
     @model_validator(mode="after")
     def _ascending(self) -> Self:
@@ -49,18 +49,19 @@ class AnswerSpec(_SpecModel):
     """Kind, unit, options and tolerance of the answer."""
 
     kind: AnswerKind
-    """What the answer is; decides how it is graded."""
+    """The kind of the answer, which determines how it is graded."""
     unit: str | tuple[str, ...] | None = None
-    """Unit of a number, or one unit for each of several numbers; `1` where there is none."""
+    """Unit of a number, or one unit for each of several numbers; `1` for a pure number."""
     labels: tuple[str, ...] = ()
-    """What each of several numbers is, in order; shown to the agent."""
+    """Meaning of each of several numbers, in order; shown to the agent."""
     abs_tol: float = Field(default=0.0, ge=0)
-    """Absolute tolerance, in the unit of the answer; adds to the relative one. 0.01 where it is 0 and the key is 0."""
+    """Absolute tolerance, in the unit of the answer; adds to the relative one. If it is 0 and the key is 0, 0.01 is
+    used."""
     rel_tol: float = Field(default=0.05, ge=0)
     """Relative tolerance: |answer - key| <= abs_tol + rel_tol |key|."""
     options: tuple[str, ...] = ()
-    """The admissible answers of a choice or of objects, shown to the agent."""
+    """The possible answers of a choice or of objects, shown to the agent."""
     variables: dict[str, Variable] = {}
     """The variables of a formula by name; shown to the agent."""
     accept: tuple[str, ...] = ()
-    """Regular expressions: wordings of the right answer that normalised grading accepts. Private."""
+    """Regular expressions for wordings of the right answer that normalised grading accepts. Private."""

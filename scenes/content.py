@@ -34,7 +34,7 @@ _DOCUMENTED = (ast.Module, ast.ClassDef, ast.FunctionDef, ast.AsyncFunctionDef)
 
 
 def pack_hash(files: PackFiles) -> str:
-    """Short hash of a pack's content, by which a record identifies the pack.
+    """Return a short hash of a pack's content, by which a record identifies the pack.
 
     White space, comments, docstrings, the order of fields and attributes, and the `schematic` do not change it. Every
     other change does, including that of a number's type, because `solution.py` may distinguish `1` from `1.0`. If a
@@ -56,13 +56,13 @@ def content_hash_of(stored: str) -> str:
 
 
 def same_pack(stored: str, files: PackFiles) -> bool:
-    """Whether a stored hash, of content or of bytes, is that of this pack."""
+    """Return whether a stored hash, of content or of bytes, belongs to this pack."""
     # The table has only packs of the suite. Other packs are recognised as long as their bytes are unchanged.
     return content_hash_of(stored) == pack_hash(files) or stored == byte_hash(files)
 
 
 def same_packs(stored: Mapping[str, str], packs: Iterable[PackFiles]) -> bool:
-    """Whether the packs of a stored run (scene → hash) are exactly these packs."""
+    """Return whether the packs of a stored run (scene → hash) are exactly these packs."""
     found = {str(files.scene_id): files for files in packs}
     return stored.keys() == found.keys() and all(same_pack(stored[scene], files) for scene, files in found.items())
 
@@ -104,7 +104,7 @@ def _json(content: bytes) -> str:
 
 
 def _law(value: Any) -> Any:
-    """A law with `let` as a list of pairs, because its quantities are computed in this order."""
+    """Return a law with `let` as a list of pairs, because its quantities are computed in this order."""
     if not isinstance(value, dict):
         return value
     law = cast("dict[str, Any]", value)

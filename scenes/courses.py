@@ -1,4 +1,4 @@
-"""Fit laws of motion to a course, a sequence of constant pushes with readings after each. For reference protocols.
+"""Fits laws of motion to a course: a sequence of constant pushes with readings after each. For reference protocols.
 
 A solution defines the time derivative of the state for each candidate structure, and ranges for the constants.
 `Laws.fitted` finds the constants of a structure, and `Laws.best` the structure with the best fit. All functions are
@@ -24,21 +24,21 @@ Rates = Callable[[str, Knobs, Any, Array, Array], Array]
 """Time derivative of the state from structure, constants, time, state and controls. All may be arrays of trials."""
 
 PLAIN = "plain"
-"""Name of the simplified law for planning, which is never an answer."""
+"""Name of the simplified law that is used for planning but never for an answer."""
 _DEVIATIONS = 4.0
-"""Standard deviations of chi-square above its mean up to which a fit explains its course."""
+"""A fit explains its course if chi-square exceeds its mean by at most this many standard deviations."""
 _NEARLY = 100.0
-"""Chi-square per reading below which a fit is worth shorter steps of the integration."""
+"""Chi-square per reading below which a fit is refined with shorter integration steps."""
 _FINER, _LAST_ROUNDS = 4, 4
-"""Number of steps into which a step of the search is divided in the end, and most steps of that refinement."""
+"""Number by which an integration step is divided for the refinement, and largest number of iterations of the latter."""
 _SEARCHES = 4
-"""Most searches for a fit that explains a course."""
+"""Largest number of searches for a fit that explains a course."""
 _IN_VAIN = 0.8
-"""Another search follows if the last one reduced chi-square to less than this fraction."""
+"""A further search follows only if the last one reduced chi-square to less than this fraction."""
 _PARTS = (0.2, 0.4, 0.6, 0.8, 1.0)
-"""Shares of a course to which a repeated search is fitted one after the other."""
+"""Fractions of a course to which a repeated search is fitted one after the other."""
 _BOUND = 1e4
-"""Largest misfit of a reading that counts, in standard deviations: trials may be far off or diverge."""
+"""Largest misfit of a reading, in standard deviations; larger ones are clipped because trials may diverge."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,7 +53,7 @@ class Channel:
     """Index in a vector; None for a single number."""
 
     def of(self, values: Mapping[str, Any]) -> float:
-        """The number in the arguments of a call or in its result."""
+        """Return the number in the arguments of a call or in its result."""
         value = values[self.field]
         return float(value if self.axis is None else value[self.axis])
 
@@ -67,10 +67,10 @@ class Course:
     controls: Array
     """Forces and torques held during each leg [N, N·m]; shape (n, controls)."""
     readings: Array
-    """What was read at the end of each leg; shape (n, readings); NaN where nothing was read."""
+    """Readings at the end of each leg; shape (n, readings); NaN where nothing was read."""
 
     def until(self, caught: NDArray[np.bool_]) -> "Course":
-        """The legs before the first marked one, for example the one in which a latch caught the body."""
+        """Return the legs before the first marked one, for example before the leg in which a latch caught the body."""
         return self.first(int(np.argmax(caught)) if caught.any() else len(caught))
 
     @property
@@ -79,7 +79,7 @@ class Course:
         return int(np.count_nonzero(~np.isnan(self.readings)))
 
     def first(self, count: int) -> "Course":
-        """The first legs."""
+        """Return the first legs."""
         return Course(self.durations[:count], self.controls[:count], self.readings[:count])
 
 
@@ -99,12 +99,12 @@ def velocity(object_id: str, axis: int) -> Channel:
 
 
 def accepted(exchanges: Exchanges) -> Iterator[tuple[Call, Reading]]:
-    """The successful calls with their results."""
+    """Return the successful calls with their results."""
     return ((asked, reading) for asked, reading in exchanges if reading and "error" not in reading)
 
 
 def recorded(exchanges: Exchanges, controls: Sequence[Channel], readings: Sequence[Channel]) -> Course:
-    """The course of an episode's calls and readings, without the readings before the first step."""
+    """Return the course of an episode's calls and readings, without the readings before the first step."""
     held, durations, forces, values = [0.0] * len(controls), list[float](), list[list[float]](), list[list[float]]()
     for request, result in accepted(exchanges):
         if request.tool == "step":
@@ -120,7 +120,7 @@ def recorded(exchanges: Exchanges, controls: Sequence[Channel], readings: Sequen
 def _updated(
     before: list[float], channels: Sequence[Channel], tool: str, arguments: Mapping[str, Any], source: Reading
 ) -> list[float]:
-    """The numbers of all channels after a call."""
+    """Return the numbers of all channels after a call."""
     return [
         channel.of(source) if channel.tool == tool and channel.object_id == arguments.get("object_id") else number
         for channel, number in zip(channels, before, strict=True)
@@ -137,24 +137,24 @@ class Laws:
     box: Mapping[str, tuple[float, float]]
     """Range of each constant; searched in even ratios if both ends are positive."""
     start: Sequence[float]
-    """State at the start of the course; the readings are its first entries."""
+    """State at the start of the course; its first entries are the readable ones."""
     sigma: Sequence[float]
     """Standard deviation of each reading, rounding included."""
     longest_s: float = 0.1
     """Longest step of the integration [s]."""
     starts: int = 300
-    """Number of points of the box that are tried."""
+    """Number of random points of the box from which the search starts."""
     tried: int = 6
-    """Number of the best of them that are refined."""
+    """Number of the best of these points that are refined."""
     rounds: int = 15
-    """Most steps of a refinement."""
+    """Largest number of iterations of a refinement."""
     price: float = 4.0
     """Penalty in chi-square for each constant."""
     plain: Sequence[str] = ()
     """Constants of `PLAIN`, the simplified law for planning, unless a structure has this name."""
 
     def fitted(self, course: Course, structure: str, search: int = 0) -> tuple[float, dict[str, float]]:
-        """Chi-square and constants of the best fit of a structure: first leg by leg, then of the whole course.
+        """Return chi-square and constants of the best fit of a structure: first leg by leg, then of the whole course.
 
         `search` is the number of the random search. Later searches use other and more starting points, and fit growing
         parts of the course, because the fit of a long course has many local minima.
@@ -188,7 +188,7 @@ class Laws:
         return cost, {name: float(value) for name, value in self.constants(structure, unit).items()}
 
     def _followed(self, course: Course, structure: str, unit: Array, parts: Sequence[float]) -> Array:
-        """A sequence of fits to growing parts of the course, given as shares of its legs."""
+        """Fit growing parts of the course in sequence; the parts are given as fractions of its legs."""
         for share in parts:
             part = course.first(max(1, round(share * len(course.durations))))
 
@@ -199,11 +199,11 @@ class Laws:
         return unit
 
     def best(self, course: Course) -> tuple[str, dict[str, float]]:
-        """The structure with the best fit, penalised for each constant, and its constants."""
+        """Return the structure with the best fit, with a penalty for each constant, and its constants."""
         return self.cheapest(self.fits(course))
 
     def fits(self, course: Course) -> dict[str, tuple[float, dict[str, float]]]:
-        """Chi-square and constants of the best fit of every structure.
+        """Return chi-square and constants of the best fit of every structure.
 
         The search is repeated from other starting points while no structure explains the course and the fit improves.
         """
@@ -221,11 +221,11 @@ class Laws:
 
     @staticmethod
     def explained(course: Course) -> float:
-        """Chi-square up to which a fit explains a course."""
+        """Return the largest chi-square for which a fit explains a course."""
         return course.count + _DEVIATIONS * float(np.sqrt(2 * course.count))
 
     def cheapest(self, fits: Mapping[str, tuple[float, dict[str, float]]]) -> tuple[str, dict[str, float]]:
-        """The best fit by chi-square with a penalty for each constant."""
+        """Return the best fit by chi-square with a penalty for each constant."""
         name = min(fits, key=lambda name: fits[name][0] + self.price * len(self.names(name)))
         return name, fits[name][1]
 
@@ -234,7 +234,7 @@ class Laws:
         return self.plain if structure == PLAIN and PLAIN not in self.structures else self.structures[structure]
 
     def constants(self, structure: str, units: Array) -> dict[str, Any]:
-        """Constants at points of the unit cube."""
+        """Convert points of the unit cube to constants."""
         names = self.names(structure)
         spans = [self.box[name] for name in names]
         return {
@@ -245,7 +245,7 @@ class Laws:
     def misfits(
         self, course: Course, structure: str, units: Array, *, by_legs: bool, spread: float = 1.0, pull: float = 0.3
     ) -> Array:
-        """Misfits between the readings and those of trial constants.
+        """Compute the misfits between the readings and those predicted with trial constants.
 
         Args:
             course: Controls and readings.
@@ -272,7 +272,7 @@ class Laws:
         return np.vstack([misfit.reshape(-1, trials), pull * (units - 0.5)])
 
     def _each_leg(self, course: Course, structure: str, knobs: Knobs, trials: int, _: bool) -> Array:
-        """States at the end of each leg, integrated from the readings before it, for all legs at once."""
+        """Integrate all legs at once, each from the readings before it; returns the states at their ends."""
         before = np.cumsum(course.durations) - course.durations
         starts = np.vstack([self.start, course.readings[:-1]]).T[:, :, None] + np.zeros(trials)
         states = self.advanced(
@@ -281,7 +281,7 @@ class Laws:
         return states.transpose(1, 0, 2)
 
     def _all_legs(self, course: Course, structure: str, knobs: Knobs, trials: int, by_legs: bool) -> Array:
-        """States at the end of each leg, one after the other. `by_legs` resets readable states to their readings."""
+        """Integrate the legs in sequence; returns the state after each. `by_legs` resets states to their readings."""
         state = np.array(self.start)[:, None] + np.zeros(trials)
         time, states, size = 0.0, list[Array](), len(self.sigma)
         for duration, control, reading in zip(course.durations, course.controls, course.readings, strict=True):
@@ -293,7 +293,7 @@ class Laws:
         return np.array(states)
 
     def advanced(self, structure: str, knobs: Knobs, time: Any, state: Array, duration: Any, controls: Array) -> Array:
-        """The state after constant controls for a duration."""
+        """Return the state after constant controls for a duration."""
 
         def rates(at: Any, now: Array) -> Array:
             return self.rates(structure, knobs, at, now, controls)
@@ -302,35 +302,35 @@ class Laws:
 
 
 class Fitter(Protocol):
-    """Protocol of objects that fit structures to a course, such as `Laws`."""
+    """Protocol of classes that fit structures to a course, such as `Laws`."""
 
     def fitted(self, course: Course, structure: str) -> tuple[float, dict[str, float]]:
-        """Chi-square and constants of the best fit of a structure."""
+        """Return chi-square and constants of the best fit of a structure."""
         ...
 
     def best(self, course: Course) -> tuple[str, dict[str, float]]:
-        """The structure that fits best, and its constants."""
+        """Return the structure that fits best, and its constants."""
         ...
 
 
 @dataclass(frozen=True, slots=True)
 class Predictor:
-    """From readings to the answer."""
+    """Computes the answer from the readings, by fitting laws."""
 
     laws: Fitter | Callable[[Course], Fitter]
-    """The laws; or, if their ranges depend on what was read, a function of the course."""
+    """The laws; or a function of the course, if their ranges depend on the readings."""
     course: Callable[[Exchanges], Course]
-    """The course of the readings, without the parts that must not be fitted."""
+    """Extracts the course from the exchanges, without the parts that must not be fitted."""
     predict: Callable[[str, Mapping[str, Any]], AnswerValue]
-    """The answer from a structure and its constants."""
+    """Computes the answer from a structure and its constants."""
 
     def fit(self, readings: Exchanges, structure: str) -> AnswerValue:
-        """The answer of the best fit of a structure."""
+        """Return the answer of the best fit of a structure."""
         course = self.course(readings)
         return self.predict(structure, self._laws(course).fitted(course, structure)[1])
 
     def best(self, readings: Exchanges) -> AnswerValue:
-        """The answer of the structure with the best fit."""
+        """Return the answer of the structure with the best fit."""
         course = self.course(readings)
         return self.predict(*self._laws(course).best(course))
 

@@ -1,4 +1,4 @@
-"""The seeded draw: values of the knobs for a seed.
+"""Draws the values of the knobs for a seed.
 
 The same seed gives the same values on every machine. Each knob has its own random stream, a Mersenne Twister seeded
 with scene, seed and knob name as text (`random.Random` hashes text seeds with SHA-512). Values are rounded to six
@@ -21,18 +21,18 @@ KnobValue = Scalar | tuple[Scalar, ...]
 
 _ATTEMPTS = 1000
 _LARGEST = 1e300
-"""Largest magnitude of a number on the way to a result."""
+"""Largest magnitude of an intermediate result."""
 _SHOWN = 80
-"""Most characters of an expression that an error repeats."""
+"""Largest number of characters of an expression that an error message quotes."""
 
 
 def draw_knobs(
     files: PackFiles, pack: Pack, seed: int, *, reseed: Mapping[str, int] | None = None
 ) -> dict[str, KnobValue]:
-    """Values of the knobs and of the quantities derived from them.
+    """Return the values of the knobs and of the quantities derived from them.
 
     Args:
-        files: Where the pack is, for its id and for error messages.
+        files: The files of the pack, for its id and for error messages.
         pack: The pack.
         seed: 0 for the scene as written, any other whole number for a variant.
         reseed: Seeds of single knobs that replace `seed`, to get two variants that differ only in these knobs.
@@ -57,7 +57,7 @@ def draw_knobs(
 
 
 def step_values(files: PackFiles, pack: Pack, knobs: Mapping[str, KnobValue]) -> dict[str, float]:
-    """Intermediate quantity → its value for these knobs.
+    """Return intermediate quantity → its value for these knobs.
 
     Raises:
         PackError: An expression is invalid or evaluates to a string.
@@ -102,7 +102,7 @@ def _power(base: float, exponent: float) -> float:
 
 
 def _on_numbers(compute: Callable[..., float]) -> Callable[..., float]:
-    """An operator that accepts only numbers and bounds its result."""
+    """Wrap an operator so that it accepts only numbers and bounds its result."""
 
     def bounded(*operands: object) -> float:
         if not all(isinstance(operand, int | float) for operand in operands):

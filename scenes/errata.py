@@ -1,7 +1,6 @@
-"""Known faults of published packs, by the hash of their content: `errata.json` beside the packs.
+"""Known faults of published packs, identified by the hash of their content: `errata.json` beside the packs.
 
-A record of an episode names the pack that it was played on, so an entry applies to old records even after the
-pack was mended.
+Records contain the hash of the pack that was played, so an entry applies to old records even after the pack was fixed.
 """
 
 import json
@@ -18,13 +17,13 @@ ERRATA_FILE = "errata.json"
 
 
 class ErratumEffect(StrEnum):
-    """What a fault does to the episodes that were played on its pack."""
+    """The effect of a fault on the episodes that were played on its pack."""
 
     WITHDRAWN = "withdrawn"
-    """They are unscored, because the key is wrong or the task cannot be solved."""
+    """The episodes are unscored, because the key is wrong or the task cannot be solved."""
     NOTED = "noted"
-    """They keep their verdicts, and reports state the fault: the key is right, and the scene measures less than it
-    should."""
+    """The episodes keep their verdicts, and reports state the fault: the key is right, but the scene measures less than
+    it should."""
 
 
 class Erratum(BaseModel):
@@ -35,11 +34,11 @@ class Erratum(BaseModel):
     scene: int = Field(ge=0)
     """Id of the scene."""
     pack: str = Field(pattern=r"^c1:[0-9a-f]{12}$")
-    """Hash of the content of the pack, as records contain it."""
+    """Content hash of the pack, as records contain it."""
     effect: ErratumEffect
     """`withdrawn` or `noted`."""
     fault: str = Field(pattern=r"^\S[^\n]*\.$", max_length=400)
-    """What is wrong with it, in one sentence."""
+    """Description of the fault, in one sentence."""
     date: date
     """Day on which the fault was confirmed."""
 
@@ -48,7 +47,7 @@ _ENTRIES = TypeAdapter(tuple[Erratum, ...])
 
 
 def read_errata(folder: Path) -> tuple[Erratum, ...]:
-    """The known faults of packs that a folder lists; empty without a file.
+    """Read the known faults of packs from a folder; empty without a file.
 
     Args:
         folder: Folder of packs.

@@ -17,13 +17,13 @@ from scenes.courses import Array, Course, Laws, refined
 from scenes.protocol import AnswerValue, Member
 
 EXCLUDED_SIGMAS = 4.0
-"""A member is excluded if it fits worse than the best one by more than this many standard deviations (p < 6.4e-5)."""
+"""Number of standard deviations by which a member must fit worse than the best one to be excluded (p < 6.4e-5)."""
 _BOUND = 1e4
-"""Largest misfit of a reading that counts: laws with wrong constants may diverge."""
+"""Largest misfit of a reading; larger ones are clipped, because laws with wrong constants may diverge."""
 _FINER, _ROUNDS = 4, 8
-"""Number of steps into which a step of the integration is divided for the last rounds of the fit; most such rounds."""
+"""Number by which an integration step is divided for the final iterations of the fit; largest number of these."""
 _TRIALS = 500
-"""Number of draws for each plausible answer, before rejection by the ranges and by the readings."""
+"""Number of draws per plausible answer, before rejection by the ranges and by the readings."""
 _STEP = 1e-5
 """Step of numerical derivatives, as a share of the range of a constant."""
 
@@ -34,7 +34,7 @@ def member(
     best: Sequence[float] | Array,
     ranges: Sequence[tuple[float, float]],
 ) -> Member:
-    """The member of a family with these best constants.
+    """Return the member of a family with these best-fit constants.
 
     Args:
         misfits: Constants → misfit of every reading, in standard deviations.
@@ -62,7 +62,7 @@ def plausible_constants(
     number: int,
     trials: int = _TRIALS,
 ) -> tuple[list[Array], Array]:
-    """Draw constants that the readings leave plausible.
+    """Draw constants that are compatible with the readings.
 
     They are drawn from a normal distribution around the best ones. Its covariance is that of linear least squares,
     (JᵀJ)⁻¹ with the Jacobian J of the misfits, scaled up if the misfits exceed their stated standard deviations. Draws
@@ -78,7 +78,7 @@ def plausible_constants(
         trials: Number of draws for each of them.
 
     Returns:
-        The plausible constants, fewer than `number` if too few draws lie within the ranges; and all draws, where those
+        Shape (number, constants). If fewer draws are accepted, the likeliest of the others are added, where those
         outside the ranges are moved to their edges.
     """
     low, high = ranges
@@ -100,7 +100,7 @@ def plausible_constants(
 
 
 def _likely(units: Array, excess: Callable[[Array], float], number: int) -> list[Array]:
-    """Rejection sampling: draws accepted with probability exp(-excess / 2), then the likeliest others if too few are.
+    """Select draws by rejection sampling with probability exp(-excess / 2), then the likeliest others if too few.
 
     Args:
         units: Draws; shape (draws, constants).
@@ -121,10 +121,10 @@ def _likely(units: Array, excess: Callable[[Array], float], number: int) -> list
 
 
 def scattered(slopes: Array, number: int) -> Array:
-    """Draws of what least squares leave open around the best constants; shape (number, constants).
+    """Draw deviations from the best-fit constants with the covariance of least squares; shape (number, constants).
 
     Args:
-        slopes: Derivatives of the misfits by the constants, each counted in its usual size.
+        slopes: Derivatives of the misfits by the constants, each in units of its usual size.
         number: Number of draws.
     """
     size = slopes.shape[1]
@@ -138,7 +138,7 @@ def scattered(slopes: Array, number: int) -> Array:
 def members(
     laws: Laws, course: Course, predict: Callable[[str, Mapping[str, float]], AnswerValue]
 ) -> dict[str, Member]:
-    """Every structure of laws of motion, fitted to a course.
+    """Fit every structure of laws of motion to a course.
 
     Args:
         laws: The family.
@@ -156,7 +156,7 @@ def _fitted(
     best: Mapping[str, float],
     predict: Callable[[str, Mapping[str, float]], AnswerValue],
 ) -> Member:
-    """A structure, refitted with shorter integration steps from the constants that `Laws` has found."""
+    """Refit a structure with shorter integration steps, from the constants that `Laws` has found."""
     names = laws.structures[structure]
     finer = replace(laws, longest_s=laws.longest_s / _FINER)
     low, high = np.array([laws.box[name] for name in names]).T
@@ -179,7 +179,7 @@ def _fitted(
 
 
 def _misfits(laws: Laws, course: Course, structure: str, knobs: Mapping[str, Any], trials: int) -> Array:
-    """Misfit of every reading in standard deviations, integrated from the start; a column for each trial."""
+    """Return the misfit of every reading in standard deviations, integrated from the start; a column per trial."""
     state, time, found = np.array(laws.start)[:, None] + np.zeros(trials), 0.0, list[Array]()
     sigma = np.array(laws.sigma)[:, None]
     with np.errstate(all="ignore"):
@@ -192,7 +192,7 @@ def _misfits(laws: Laws, course: Course, structure: str, knobs: Mapping[str, Any
 
 
 def surviving(fits: Mapping[str, Member]) -> list[str]:
-    """The members that the readings do not exclude.
+    """Return the members that the readings do not exclude.
 
     A member is excluded by the difference between its chi-square and the lowest one. For nested laws this difference
     has a chi-square distribution whose degrees of freedom are the difference in the number of constants. If the best
@@ -210,5 +210,5 @@ def surviving(fits: Mapping[str, Member]) -> list[str]:
 
 
 def reduced_chi_square(fit: Member) -> float:
-    """Chi-square over degrees of freedom: about 1 if the law and the standard deviations are right."""
+    """Return chi-square over degrees of freedom: about 1 if the law and the standard deviations are right."""
     return fit.chi_square / max(fit.readings - fit.constants, 1)

@@ -1,4 +1,4 @@
-"""Finds the pack of a scene id, in a folder of packs or generated from the record of a world; and its split."""
+"""Finds the pack of a scene id, in a folder of packs or generated from the record of a world; and tests its split."""
 
 from pathlib import Path
 
@@ -9,7 +9,7 @@ from scenes.world_names import is_world, place_of, reference_of
 
 
 def find_pack(scene_id: int, folder: Path | None = None) -> PackFiles:
-    """The pack with this id.
+    """Return the pack with this id.
 
     Args:
         scene_id: The number of a scene, or that of a world.
@@ -29,7 +29,7 @@ def find_pack(scene_id: int, folder: Path | None = None) -> PackFiles:
 
 
 def is_in_split(scene_id: int, split: Split, folder: Path | None = None) -> bool:
-    """Whether a split has a scene. It has a world if the structure of the world is in the split of the same name.
+    """Return whether a scene belongs to a split. A world belongs to the split of its structure.
 
     Raises:
         PackError: There is no record of the world.

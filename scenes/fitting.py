@@ -9,23 +9,24 @@ from scipy.optimize import least_squares
 
 Array = NDArray[np.float64]
 Misfits = Callable[[Array], Array]
-"""Misfits in standard deviations of trials: a column for each column of its argument, a point of the unit cube."""
+"""Function of points of the unit cube, one per column, that returns misfits in standard deviations, one column per
+point."""
 
 _EDGES = (-0.1, 1.1)
-"""Bounds of a constant on the unit of its range: a little beyond it."""
+"""Bounds of a constant in units of its range: slightly outside it."""
 _SHIFT = 1e-4
-"""Step of finite differences, in the same unit."""
+"""Step of finite differences, in units of the range."""
 _STEPS = 30
-"""Most steps of `polished`."""
+"""Largest number of iterations of `polished`."""
 
 
 def chi_square(misfits: Misfits, unit: Array) -> float:
-    """Sum of the squared misfits at a point."""
+    """Return the sum of the squared misfits at a point."""
     return float((misfits(unit[:, None]) ** 2).sum())
 
 
 def refined(misfits: Misfits, unit: Array, rounds: int) -> Array:
-    """Levenberg-Marquardt from a point of the unit cube, with several damping factors tried at once.
+    """Run Levenberg-Marquardt from a point of the unit cube, trying several damping factors at once.
 
     `misfits` returns a column for each column of its argument.
     """
@@ -47,7 +48,7 @@ def refined(misfits: Misfits, unit: Array, rounds: int) -> Array:
 
 
 def polished(misfits: Misfits, unit: Array) -> Array:
-    """Least squares with scipy, for narrow valleys in which `refined` stops before the minimum."""
+    """Run the least squares of SciPy, for narrow valleys in which `refined` stops before the minimum."""
 
     def slope(point: Array) -> Array:
         found = misfits(point[:, None] + _shifts(len(point)))
@@ -60,5 +61,5 @@ def polished(misfits: Misfits, unit: Array) -> Array:
 
 
 def _shifts(size: int) -> Array:
-    """Offsets for finite differences: a column of zeros, then one with a small step in each coordinate."""
+    """Return offsets for finite differences: a column of zeros, then one with a small step in each coordinate."""
     return _SHIFT * np.column_stack([np.zeros(size), np.eye(size)])

@@ -33,11 +33,11 @@ class PackFiles:
 
     @property
     def solution(self) -> Path:
-        """The reference protocol and the formulas of the answer; packs of the prototype have none."""
+        """Reference protocol and formulas of the answer; packs of the prototype have none."""
         return self.folder / "solution.py"
 
     def check_inside(self, *files: Path) -> None:
-        """Refuse a file that is a link to somewhere outside the folder of packs.
+        """Raise if a file is a link to a place outside the folder of packs.
 
         A client chooses the scene id and must not be able to make the laboratory read another file.
 
@@ -56,7 +56,7 @@ def default_folder() -> Path:
 
 
 def list_packs(folder: Path | None = None) -> list[PackFiles]:
-    """All packs in `folder` (default: the suite), by ascending id; empty for a folder that contains only worlds.
+    """Return all packs in `folder` (default: the suite), by ascending id; empty for a folder with only worlds.
 
     Raises:
         PackError: The folder does not exist, or contains neither packs nor worlds.
@@ -93,7 +93,7 @@ def listed_pack(scene_id: int, folder: Path | None = None) -> PackFiles:
 
 
 def ranges(numbers: Sequence[int]) -> str:
-    """Ascending numbers as text, such as `0-20, 40`."""
+    """Format ascending numbers as text, such as `0-20, 40`."""
     runs: list[list[int]] = []
     for number in numbers:
         if runs and number == runs[-1][-1] + 1:
@@ -104,7 +104,7 @@ def ranges(numbers: Sequence[int]) -> str:
 
 
 def read_pack(files: PackFiles) -> Pack:
-    """Read and check the JSON of a pack.
+    """Parse and validate the JSON of a pack.
 
     Raises:
         PackError: The file is missing, is not UTF-8 JSON, or a field is wrong; the message names the field.

@@ -1,4 +1,4 @@
-"""Integration of equations of motion for many courses at once."""
+"""Integrates equations of motion for many trials at once."""
 
 from collections.abc import Callable
 from typing import Any
@@ -10,7 +10,7 @@ Array = NDArray[np.float64]
 
 
 def advanced(rates: Callable[[Any, Array], Array], time: Any, state: Array, duration: Any, longest_s: float) -> Array:
-    """The state after a duration, by the fourth-order Runge-Kutta method.
+    """Return the state after a duration, by the fourth-order Runge-Kutta method.
 
     Args:
         rates: Time derivative of the state from time and state.

@@ -8,31 +8,31 @@ class _LaboratoryModel(BaseModel):
 
 
 class LabLimits(_LaboratoryModel):
-    """Limits of an agent in one episode. Omitted fields have the default limits of every laboratory."""
+    """Limits on an agent in one episode. Omitted fields have the default limits of every laboratory."""
 
     force: float | None = Field(default=None, ge=0)
-    """Largest magnitude of the force that can be applied to an object [N]; 0 if none can."""
+    """Largest magnitude of the force on an object [N]; 0 if no force can be applied."""
     torque: float | None = Field(default=None, ge=0)
-    """Largest magnitude of the torque that can be applied to an object [N·m]; 0 if none can."""
+    """Largest magnitude of the torque on an object [N·m]; 0 if no torque can be applied."""
     created_mass: float | None = Field(default=None, gt=0)
-    """Total mass of all objects created in the episode, deleted ones too [kg]."""
+    """Largest total mass of all objects created in the episode, deleted ones included [kg]."""
     lab_time: float | None = Field(default=None, gt=0)
-    """Simulated time [s]."""
+    """Largest simulated time [s]."""
     calls: int | None = Field(default=None, gt=0)
-    """Tool calls, refused ones too. `answer` is neither counted nor refused."""
+    """Largest number of tool calls, refused ones included. `answer` is neither counted nor refused."""
 
 
 class Noise(_LaboratoryModel):
     """Standard deviations of the Gaussian noise of the instruments."""
 
     position: float = Field(default=0.0, ge=0)
-    """Of each coordinate of a position [m]."""
+    """Noise of each coordinate of a position [m]."""
     velocity: float = Field(default=0.0, ge=0)
-    """Of each component of a velocity [m/s]."""
+    """Noise of each component of a velocity [m/s]."""
     angle: float = Field(default=0.0, ge=0)
-    """Of an angle [rad]."""
+    """Noise of an angle [rad]."""
     spin: float = Field(default=0.0, ge=0)
-    """Of each component of a spin [rad/s]."""
+    """Noise of each component of a spin [rad/s]."""
 
 
 class Instruments(_LaboratoryModel):
@@ -47,4 +47,4 @@ class Instruments(_LaboratoryModel):
     spin: float = Field(default=0.0, ge=0)
     """Resolution of each component of a spin [rad/s]."""
     noise: Noise | None = None
-    """Noise that is added before the reading is rounded; all readings of one quantity at one moment have the same."""
+    """Noise that is added before rounding; all readings of one quantity at one moment share it."""

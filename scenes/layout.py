@@ -18,7 +18,7 @@ from scenes.errors import PackError
 from scenes.folder import PackFiles
 
 WIDTH = 110
-"""Most characters of a line, unless a single text or attribute is longer."""
+"""Largest number of characters of a line, unless a single text or attribute is longer."""
 _INDENT = "  "
 
 _JSON_TOKEN = re.compile(r'"(?:[^"\\]|\\.)*"|[\[\]{}:,]|[^\s\[\]{}:,"]+')
@@ -28,7 +28,8 @@ _XML_ATTRIBUTE = re.compile(r"""([^\s=]+)\s*=\s*("[^"]*"|'[^']*')""")
 
 _Items = list[tuple[str, "_Node"]]
 _Node = str | tuple[str, _Items, str]
-"""A JSON value: a token; or a bracket, the values inside with what precedes each (`"name": ` or nothing), a bracket."""
+"""A JSON value: a token; or an opening bracket, the inner values with their prefixes (`"name": ` or nothing), and a
+closing bracket."""
 
 
 def lay_out(files: PackFiles) -> list[Path]:
@@ -61,7 +62,7 @@ def lay_out(files: PackFiles) -> list[Path]:
 
 
 def not_laid_out(files: PackFiles) -> list[Path]:
-    """The files that `lay_out` would change.
+    """Return the files that `lay_out` would change.
 
     Raises:
         PackError: A file is missing or cannot be parsed.
@@ -70,7 +71,7 @@ def not_laid_out(files: PackFiles) -> list[Path]:
 
 
 def _laid_out(files: PackFiles) -> dict[Path, str]:
-    """File → its formatted text, for the files that are not formatted."""
+    """Return file → its formatted text, for the files that are not formatted."""
     found: dict[Path, str] = {}
     for file, lay in ((files.json, lay_out_json), (files.mjcf, lay_out_xml)):
         try:
@@ -86,10 +87,10 @@ def _laid_out(files: PackFiles) -> dict[Path, str]:
 
 
 def lay_out_json(text: str) -> str:
-    """JSON with one line per field of the outermost object, and inner values on one line where they fit.
+    """Format JSON with one line per field of the outermost object, and inner values on one line where they fit.
 
     Raises:
-        ValueError: It is not JSON.
+        ValueError: The text is not JSON.
     """
     json.loads(text)
     return _json_text(_json_node(deque(_JSON_TOKEN.findall(text))), "", 0) + "\n"
@@ -112,7 +113,7 @@ def _json_node(tokens: deque[str]) -> _Node:
 
 
 def _json_text(node: _Node, indent: str, taken: int) -> str:
-    """A value as text.
+    """Format a value.
 
     Args:
         node: The value.
@@ -139,10 +140,10 @@ def _json_line(node: _Node) -> str:
 
 
 def lay_out_xml(text: str) -> str:
-    """XML with one tag per line; attributes that do not fit are aligned below the first one.
+    """Format XML with one tag per line; attributes that do not fit are aligned below the first one.
 
     Raises:
-        SyntaxError: It is not XML.
+        SyntaxError: The text is not XML.
         ValueError: It contains node types that MuJoCo models do not use and in which white space may be content.
     """
     ET.fromstring(text)  # noqa: S314 - packs are local files the operator named
@@ -169,7 +170,7 @@ def _xml_lines(tokens: Sequence[str]) -> Iterator[str]:
 
 
 def _xml_tag(token: str, indent: str, *, closed: bool) -> str:
-    """A start tag on as many lines as it needs."""
+    """Format a start tag on as many lines as it needs."""
     tag = _XML_TAG.fullmatch(token)
     assert tag is not None
     end = "/>" if closed else tag["end"]

@@ -1,4 +1,4 @@
-"""Load an apparatus with balls of known mass, and measure its response. For reference protocols.
+"""Loads an apparatus with balls of known mass, and measures its response. For reference protocols.
 
 A ball of density ρ and radius r has the mass m = 4/3 π r³ ρ. It is created next to the apparatus and attached to it.
 """
@@ -39,17 +39,17 @@ def joined(ball: Call, body: str) -> list[Call]:
 
 
 def mass_of(asked: Call) -> float:
-    """Mass [kg] of the ball that a call creates."""
+    """Return the mass [kg] of the ball that a call creates."""
     return asked.arguments["density"] * 4 / 3 * pi * asked.arguments["radius"] ** 3
 
 
 def looks(body: str, spans: Sequence[float]) -> list[Call]:
-    """Wait for each of the durations [s], and read the position of a body after it."""
+    """Return calls that wait for each of the durations [s], and read the position of a body after each."""
     return [made for span in spans for made in (call("step", duration=span), call("get_position", object_id=body))]
 
 
 def hung(exchanges: Exchanges) -> Iterator[tuple[Call, Reading, Mapping[str, float]]]:
-    """Each successful call with its result, and the masses [kg] of the balls on each body."""
+    """Return each successful call with its result, and the masses [kg] of the balls on each body at that time."""
     made, places, load = dict[str, float](), dict[str, str](), defaultdict[str, float](float)
     for asked, reading in accepted(exchanges):
         if asked.tool == "create_objects":
@@ -65,7 +65,7 @@ def hung(exchanges: Exchanges) -> Iterator[tuple[Call, Reading, Mapping[str, flo
 
 
 def torque_at_spin(engine: Any, body: str, spin: float, stiff: float, lasting: float, seconds: float = 40.0) -> float:
-    """Torque that keeps a wheel at an angular velocity in the engine, found by a PI controller [N·m].
+    """Find the torque that keeps a wheel at an angular velocity in the engine, by a PI controller [N·m].
 
     Args:
         engine: The engine, with a body `trigger` and other forces already set.
@@ -86,18 +86,18 @@ def torque_at_spin(engine: Any, body: str, spin: float, stiff: float, lasting: f
 
 @dataclass(frozen=True, slots=True)
 class Pan:
-    """A pan that sinks under a ball; each ball replaces the one before."""
+    """A pan that sinks under a ball; each ball replaces the previous one."""
 
     top_m: float
     """Height of the pan at the start."""
     catch_m: float
-    """Deflection at which a catch holds it permanently."""
+    """Deflection at which a catch holds the pan permanently."""
     radius: float = 0.06
     """Radius of the balls [m]."""
     body: str = "object_1"
 
     def load(self, number: int, kg: float, spans: Sequence[float], radius: float | None = None) -> list[Call]:
-        """Replace the ball on the pan by ball `number`, and read the pan after each of the durations [s]."""
+        """Return calls that replace the ball on the pan by ball `number`, and read the pan after each duration [s]."""
         where = [0.0, 0.3 * (number % 2) - 0.15, self.top_m]
         old = [call("delete_objects", object_id=f"b{number - 1}")] if number else []
         return [
@@ -109,7 +109,17 @@ class Pan:
     def scaled(
         self, first_kg: float, growth: float, seen_m: float, settle_s: float
     ) -> Generator[list[Call], list[Reading], tuple[list[tuple[Call, Reading]], int, float]]:
-        """Load balls, each `growth` times as heavy, until the pan sinks measurably; exchanges, number and next mass."""
+        """Load ever heavier balls until the pan sinks measurably.
+
+        Args:
+            first_kg: Mass of the first ball [kg].
+            growth: Ratio of each ball's mass to the previous one.
+            seen_m: Deflection that counts as measurable [m].
+            settle_s: Time after which the pan is read [s].
+
+        Returns:
+            The exchanges, and number and mass [kg] of the next ball.
+        """
         seen, number, kg = list[tuple[Call, Reading]](), 0, first_kg
         while not seen or self.course(seen).readings[-1, 0] < seen_m:
             calls = self.load(number, kg, [settle_s])
@@ -118,18 +128,18 @@ class Pan:
         return seen, number, kg
 
     def pressed(self, engine: Any, newtons: float, seconds: float) -> Any:
-        """The engine without the catch, after a force has pressed the pan down."""
+        """Return the engine without the catch, after a force has pressed the pan down."""
         free = engine.changed({"joint[guide].range": (-5.0, 20.0), "body[trigger]/inertial.mass": 1e12})
         free.push(self.body, force=np.array([0.0, 0.0, -newtons]))
         free.step(free.whole_steps(seconds))
         return free
 
     def way(self, engine: Any) -> float:
-        """How far the pan has sunk in the engine [m]."""
+        """Return the deflection of the pan in the engine [m]."""
         return self.top_m - float(engine.pose(self.body).position[2])
 
     def course(self, exchanges: Exchanges) -> Course:
-        """Weights [N] and deflections [m] of the pan, until the catch holds it."""
+        """Return weights [N] and deflections [m] of the pan, until the catch holds it."""
         legs = list[list[float]]()
         for asked, reading, load in hung(exchanges):
             if asked.tool == "step":
@@ -153,44 +163,44 @@ class Lever:
     """
 
     widest: float
-    """Angle [rad] within which the body may turn."""
+    """Largest allowed angle of the body [rad]."""
     enough: float
-    """Angle that is enough."""
+    """Angle at which loading ends [rad]."""
     fastest: float
     """Angular velocity above which the device brakes [rad/s]."""
     share: float
-    """Share of this spin that the next ball should reach."""
+    """Share of this angular velocity that the next ball should reach."""
     room: float
-    """Last steps in which one ball is joined at a time: those left to the widest angle."""
+    """Within this many steps of the widest angle, one ball is attached at a time."""
     first_kg: float
     most: int
-    """Most balls."""
+    """Largest number of balls."""
     singly: int
-    """Number of balls that are joined one by one at first; the others two at a time."""
+    """Number of balls that are attached one at a time at first; later ones are attached two at a time."""
     look_s: float
-    """When the first spin is read [s]."""
+    """Time after attaching at which the first angular velocity is read [s]."""
     wait_s: float = 6.0
     """Time for the body to come to rest [s]."""
     arm_m: float = 0.5
     height_m: float = 1.0
     apart_m: float = 0.05
-    """Distance between the balls along the axle; it does not matter."""
+    """Distance between the balls along the axle, which has no effect on the torque."""
     radius: float = 0.02
     name: str = "ball"
     body: str = "object_1"
 
     def ball(self, number: int, kg: float, radius: float | None = None) -> list[Call]:
-        """Attach ball `number` next to the axle, at its height."""
+        """Return calls that attach ball `number` next to the axle, at its height."""
         side = 1 if number % 2 else -1
         place = [self.arm_m, side * (0.1 + self.apart_m * (number // 2)), self.height_m]
         return joined(ball(f"{self.name}{number}", kg, place, radius or self.radius), self.body)
 
     def look(self) -> list[Call]:
-        """Read the angular velocity shortly after a ball was attached."""
+        """Return calls that read the angular velocity shortly after a ball was attached."""
         return [call("step", duration=self.look_s), call("get_velocity", object_id=self.body)]
 
     def rest(self) -> list[Call]:
-        """Read the angle at rest."""
+        """Return calls that read the angle at rest."""
         return looks(self.body, [self.wait_s])
 
     def turned(self) -> Generator[list[Call], list[Reading], tuple[list[tuple[Call, Reading]], int]]:
@@ -218,7 +228,7 @@ class Lever:
         return seen, number
 
     def torques(self, exchanges: Exchanges) -> list[tuple[float, float]]:
-        """Torque of the balls [N·m] and angle [rad] wherever the body was at rest within the range."""
+        """Return the torque of the balls [N·m] and the angle [rad] at each rest within the allowed range."""
         balls, made, rows = dict[str, tuple[float, float]](), dict[str, float](), list[tuple[float, float]]()
         angle = last = 0.0
         for asked, reading in exchanges:

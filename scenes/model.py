@@ -17,15 +17,15 @@ from scenes.folder import PackFiles
 from scenes.pack import Expression, Law, Pack
 
 _PRESENT = "present"
-"""Attribute of an element: a condition on the knobs, without which the element is left out of the model."""
+"""Attribute with a condition on the knobs. If it is false, the element is removed from the model."""
 _LAWS = "laws"
-"""Name of the custom text of the model that holds the laws, as JSON with the drawn constants."""
+"""Name of the model's custom text that holds the laws, as JSON with the drawn constants."""
 _STEP = re.compile(r"(?P<tag>\w+)(?:\[(?P<name>[^\]]+)\])?")
 _NAME = re.compile(r"\b[^\W\d]\w*")
 _SALT = re.compile(r'(?<=<text name="noise_salt" data=")[^"]*')
-"""The text of a model on which the noise of its instruments depends."""
+"""Name of the model's custom text that determines the noise of its instruments."""
 _NAMING = ("name", "joint", "site", "geom", "tendon", "body")
-"""Attributes that may name an element: its own name, or what an entry of a tendon refers to."""
+"""Attributes that may identify an element: its own name, or the element that an entry of a tendon refers to."""
 
 
 class _TargetError(ValueError):
@@ -33,10 +33,10 @@ class _TargetError(ValueError):
 
 
 def drawn_mjcf(files: PackFiles, pack: Pack, values: Mapping[str, KnobValue], *, canonical: bool) -> str:
-    """The model's XML text for a draw.
+    """Return the model's XML text for a draw.
 
     Args:
-        files: Where the pack is.
+        files: The files of the pack.
         pack: The pack.
         values: As returned by `draw_knobs`.
         canonical: True for the values of seed 0, which the XML contains as written.
@@ -63,7 +63,7 @@ def drawn_mjcf(files: PackFiles, pack: Pack, values: Mapping[str, KnobValue], *,
 
 
 def noise_of_seed(mjcf: str, seed: int) -> str:
-    """The model of a world with the noise of a seed; seeds of a world differ only in instrument noise.
+    """Return the model of a world with the noise of a seed. Seeds of a world differ only in instrument noise.
 
     Models without a salt are returned unchanged.
     """
@@ -77,7 +77,7 @@ USUAL_TIMESTEP_S = 0.005
 
 
 def timestep_of(files: PackFiles) -> float:
-    """The time step of a model, or MuJoCo's default [s].
+    """Return the time step of a model, or MuJoCo's default [s].
 
     Raises:
         PackError: The model cannot be read.
@@ -91,12 +91,12 @@ def timestep_of(files: PackFiles) -> float:
 
 
 def changed_mjcf(mjcf: str, changes: Mapping[str, Scalar | tuple[Scalar, ...]], without: Collection[str] = ()) -> str:
-    """A model with other values, or without some of its elements.
+    """Return a model with other values, or without some of its elements.
 
     Args:
         mjcf: The model's XML text.
         changes: Target as in `apply`, such as `joint[rail].frictionloss` → its new value, or several.
-        without: Elements to leave out, such as `joint[stop]`.
+        without: Elements to remove, such as `joint[stop]`.
 
     Raises:
         ValueError: A target does not name exactly one element.
@@ -122,7 +122,7 @@ def _apply(files: PackFiles, pack: Pack, values: Mapping[str, KnobValue], root: 
 
 
 def _leave_out_absent(files: PackFiles, values: Mapping[str, KnobValue], root: ET.Element) -> None:
-    """Remove the elements whose condition is false, and the conditions."""
+    """Remove the elements whose condition is false, and remove the conditions."""
     for element in list(root.iter()):
         condition = element.attrib.pop(_PRESENT, None)
         field = f"{_PRESENT} of <{element.tag}> in {files.mjcf.name}"
@@ -131,7 +131,7 @@ def _leave_out_absent(files: PackFiles, values: Mapping[str, KnobValue], root: E
 
 
 def _add_laws(files: PackFiles, pack: Pack, values: Mapping[str, KnobValue], root: ET.Element) -> None:
-    """Write all laws into the model; those that the draw leaves out have the factor 0.
+    """Write all laws into the model; those that the draw disables have the factor 0.
 
     Omitting them would shorten each step, and the duration of a step would reveal the number of laws.
     """
@@ -146,7 +146,7 @@ def _add_laws(files: PackFiles, pack: Pack, values: Mapping[str, KnobValue], roo
 
 
 def _drawn_law(law: Law, values: Mapping[str, KnobValue]) -> dict[str, Any]:
-    """A law with the values of the knobs in its expressions."""
+    """Return a law with the values of the knobs in its expressions."""
     drawn: dict[str, Any] = law.model_dump(by_alias=True, exclude={"present"}, exclude_none=True)
     for field in ("force", "torque"):
         drawn[field] = [str(part) for part in drawn[field]]

@@ -8,7 +8,7 @@ from scenes.errors import PackError
 from scenes.pack import CANARY, Category
 
 _SECOND_CONCEPT = re.compile(r'("concepts": \["[^"]*"), "[^"]*"\]')
-"""The concepts of a template, of which a scene with a single concept keeps the first."""
+"""The concepts of a template. A scene with a single concept keeps the first one."""
 _FILES = (("scene.json", "scene{}.json"), ("scene.xml", "scene{}.xml"), ("solution.py", "solution.py"))
 
 

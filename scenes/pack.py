@@ -12,7 +12,7 @@ from scenes.answer_spec import AnswerSpec, Scalar
 from scenes.laboratory import Instruments, LabLimits
 
 CANARY = "physment-canary-4c0e6d1e-7a55-4d0e-9d0b-5f3c1c2a9b47"
-"""Written into every private half, so that corpora can filter packs out and leak tests can search for it."""
+"""Text in every private half, by which training corpora can exclude packs and leak tests can find them."""
 
 
 class Rung(StrEnum):
@@ -43,7 +43,7 @@ class Category(StrEnum):
 
     @property
     def rung(self) -> Rung:
-        """Its rung; create-delete-attach is hard."""
+        """Rung of the category; create-delete-attach is hard."""
         if self is Category.OPEN:
             return Rung.OPEN
         return Rung.HARD if self.infers else Rung.EASY
@@ -59,12 +59,12 @@ class _PackModel(BaseModel):
 
 
 class Metadata(_PackModel):
-    """What the scene is and asks."""
+    """Name, task, type and description of the scene."""
 
     scene_name: str
     """Name of the scene, which must not hint at the answer."""
     task: str = Field(min_length=1)
-    """The description of the laboratory and the question, with its unit and sign convention."""
+    """Description of the laboratory, and the question with its unit and sign convention."""
     problem_type: str
     """`comparison`, `calculation`, `computation` or `observation`; published packs use others too."""
     description: str = ""
@@ -72,7 +72,7 @@ class Metadata(_PackModel):
 
 
 class SceneObject(_PackModel):
-    """An object the task speaks of."""
+    """An object that the task names."""
 
     name: str
     """Neutral name, such as block or post."""
@@ -81,12 +81,12 @@ class SceneObject(_PackModel):
 
 
 class Permissions(_PackModel):
-    """The attributes of an object that the agent may read or change. A static attribute not mentioned is withheld."""
+    """The attributes of an object that the agent may read or change. An omitted static attribute is withheld."""
 
     geom_type: bool = False
     """Shape."""
     geom_density: bool = False
-    """Density; with the size it gives the mass."""
+    """Density, which determines the mass together with the size."""
     body_mass: bool = False
     """Mass."""
     geom_size: bool = False
@@ -94,20 +94,20 @@ class Permissions(_PackModel):
     geom_radius: bool = False
     """Radius."""
     body_pos: bool = False
-    """Position, displacement and contact points; an object can only be moved if it is read."""
+    """Position, displacement and contact points. An object can be moved only if its position may be read."""
     body_quat: bool = False
     """Orientation and contact normals of flat faces."""
     velocity: bool = True
-    """Gates velocity, acceleration, energies, momenta and approach speed."""
+    """Velocity, acceleration, energies, momenta and approach speed."""
     actuate: bool = True
-    """False seals the object: nothing may push, move, attach or delete it."""
+    """If false, the object is read-only: it cannot be pushed, moved, attached or deleted."""
     hidden: bool = False
-    """Unknown to the agent until `find_objects`."""
+    """Whether the object is unknown to the agent until `find_objects` is called."""
     angle: bool = False
     """Whether the position of an object on a hinge includes its joint angle."""
     spin: bool | None = None
-    """Whether the velocity of an object on a hinge tells its joint speed. False also gates the rotational energy and
-    the angular momentum, which are otherwise gated by the velocity alone."""
+    """Whether the velocity of an object on a hinge includes its joint speed. If false, rotational energy and angular
+    momentum, for which `velocity` otherwise decides, are withheld too."""
 
 
 class Knob(_PackModel):
@@ -117,17 +117,17 @@ class Knob(_PackModel):
     """
 
     canonical: Scalar | tuple[Scalar, ...]
-    """Value at seed 0, the one written in the XML."""
+    """Value at seed 0, as written in the XML."""
     uniform: tuple[float, float] | None = None
-    """Bounds of a uniform draw."""
+    """Bounds of a uniform distribution."""
     log_uniform: tuple[float, float] | None = None
-    """Bounds of a draw that is uniform in the logarithm."""
+    """Bounds of a log-uniform distribution."""
     choice: tuple[Scalar, ...] | None = None
     """Values of which one is drawn."""
     permutation: tuple[Scalar, ...] | None = None
-    """Values that are put in a random order."""
+    """Values that are shuffled."""
     meaning: str = ""
-    """What the quantity is, with its unit, for readers of the pack."""
+    """Description of the quantity with its unit, for readers of the pack."""
 
     @model_validator(mode="after")
     def _one_way_to_draw(self) -> Self:
@@ -147,45 +147,46 @@ class Knob(_PackModel):
 
 
 Expression = str | int | float
-"""Arithmetic over knob values, such as `9.81 * m` or `order[0]`; a plain number is itself."""
+"""Arithmetic over knob values, such as `9.81 * m` or `order[0]`, or a plain number."""
 
 
 class IntermediateQuantity(_PackModel):
     """An intermediate quantity, which an agent may state together with its answer."""
 
     meaning: str = Field(min_length=1)
-    """What it is. Public: it must not say how the answer follows."""
+    """Description of the quantity. Public: it must not say how the answer follows."""
     unit: str
-    """Its unit; `1` for a pure number. Public."""
+    """Unit; `1` for a pure number. Public."""
     value: Expression
-    """Its value over the knobs. Private."""
+    """Expression of the value from the knobs. Private."""
 
 
 class Law(_PackModel):
     """A force on a body, by expressions that the engine evaluates at every stage of every time step.
 
-    Expressions may use the time `t` [s]; of the body itself the centre of mass `x`, `y`, `z` [m], its velocity `vx`,
-    `vy`, `vz` [m/s] and the spin `wx`, `wy`, `wz` [rad/s], all in world axes, and on a single hinge `angle` [rad] and
-    `spin` [rad/s]; of another body the same with its prefix, such as `other_x`; numeric knobs and derived quantities.
+    Expressions may use the time `t` [s]; the centre of mass `x`, `y`, `z` [m] of the body, its velocity `vx`, `vy`,
+    `vz` [m/s] and its spin `wx`, `wy`, `wz` [rad/s], all in world axes; for a body on a single hinge `angle` [rad] and
+    `spin` [rad/s]; for another body the same names with its prefix, such as `other_x`; numeric knobs and derived
+    quantities.
     """
 
     model_config = ConfigDict(extra="forbid")
 
     on: str
-    """Name of the body on which it acts, at its centre of mass."""
+    """Name of the body on which the law acts, at its centre of mass."""
     others: dict[str, str] = Field(default={}, alias="with")
     """Prefix → name of another body that the expressions use."""
     let: dict[str, str] = {}
-    """Quantities computed first, in order."""
+    """Auxiliary quantities, which are computed first, in order."""
     force: tuple[Expression, Expression, Expression] = (0, 0, 0)
     """Components of the force, world frame [N]."""
     torque: tuple[Expression, Expression, Expression] = (0, 0, 0)
     """Components of the torque, world frame [N·m]."""
     reaction: str | None = None
-    """Prefix of the body on which the opposite force acts, at its centre of mass; None for no reaction."""
+    """Prefix of the body on whose centre of mass the opposite force acts; None for no reaction."""
     present: Expression = 1
-    """Condition on the knobs. Where it is false, the law stays in the model with factor 0, so that a step takes the
-    same time at every seed. So its values must be finite there too."""
+    """Condition on the knobs. If it is false, the law stays in the model with factor 0, so that a step takes the same
+    time at every seed. Its values must therefore be finite there too."""
 
     @model_validator(mode="after")
     def _forces_alone_have_a_reaction(self) -> Self:
@@ -198,25 +199,25 @@ class Law(_PackModel):
 class Catch(_PackModel):
     """A part of the apparatus that limits motion: a latch, net, rim, guard or stop.
 
-    Certificate 11 drives the scene with the largest allowed loads and checks that it holds. Expressions are those of
-    laws, over the true state: `object_1_x`, `object_1_vx`, `object_1_angle` and so on for any body, the same names with
-    the prefix `caught_` for the value at which the part caught it, the time `t` [s], and numeric knobs.
+    Certificate 11 applies the largest allowed loads and checks that the catch holds. Expressions are those of laws,
+    over the true state: `object_1_x`, `object_1_vx`, `object_1_angle` and so on for any body, the same names with the
+    prefix `caught_` for the value at which the catch acted, the time `t` [s], and numeric knobs.
     """
 
     model_config = ConfigDict(extra="forbid")
 
     words: tuple[str, ...] = Field(min_length=1)
-    """Words of the prompt that it stands for."""
+    """Words of the prompt that denote the catch."""
     sprung: str | None = None
-    """Condition by which one sees that it has acted; None if it bounds at all times."""
+    """Condition that is true once the catch has acted; None if it limits the motion at all times."""
     holds: dict[str, tuple[Expression, Expression]] = Field(min_length=1)
-    """Expression → bounds between which it must stay for good once the catch has acted."""
+    """Expression → bounds between which it must stay after the catch has acted."""
     within: float = Field(default=0.0, ge=0)
-    """Time that it may take to act [s]."""
+    """Time that the catch may take to act [s]."""
 
 
 class SchematicPart(_PackModel):
-    """A cord, spring, rod, rail or pulley of the task without a body in the model, for drawings.
+    """A cord, spring, rod, rail or pulley in the task that has no body in the model, for drawings.
 
     It is public and the same at every seed: it refers only to visible listed objects and fixed positions.
     """
@@ -224,9 +225,10 @@ class SchematicPart(_PackModel):
     model_config = ConfigDict(extra="forbid")
 
     kind: Literal["cord", "spring", "rod", "rail", "pulley"]
-    """What is drawn."""
+    """Kind of the part, which determines how it is drawn."""
     points: tuple[str | tuple[float, float, float], ...] = Field(min_length=1)
-    """Its course: ids such as `object_1` for the middle of an object, or places in the world [m]. A pulley has one."""
+    """Polyline of the part: ids such as `object_1` for the centre of an object, or positions in the world [m]. A pulley
+    has one point."""
 
     @model_validator(mode="after")
     def _course_has_ends(self) -> Self:
@@ -237,54 +239,54 @@ class SchematicPart(_PackModel):
 
 
 class Pack(_PackModel):
-    """A whole `scene{N}.json`, public and private halves."""
+    """A complete `scene{N}.json`, with its public and private halves."""
 
     metadata: Metadata
-    """What the scene is and asks; the agent reads name, task and type."""
+    """Name, task, type and description of the scene. The agent reads all but the description."""
     answer: Scalar | tuple[Scalar, ...]
     """The key at seed 0. Private."""
     expected_behavior: str = ""
     """Description of a good experiment. Private."""
     reasoning: str = ""
-    """The physics that leads to the answer. Private."""
+    """Derivation of the answer. Private."""
     number_of_objects: Annotated[
         int, BeforeValidator(lambda value: int(value) if isinstance(value, str) else value)
     ] = 0
-    """How many objects are listed; published packs write it as a string."""
+    """Number of listed objects; published packs write it as a string."""
     objects: dict[str, SceneObject]
-    """`object_1`, `object_2`, … → the objects, hidden ones too."""
+    """`object_1`, `object_2`, … → the objects, hidden ones included."""
     object_permissions: dict[str, Permissions] = {}
-    """`object_1_permissions`, … → what an agent may read and do; all is withheld from what is not listed."""
+    """`object_1_permissions`, … → what an agent may read and do. Omitted permissions are withheld."""
 
     category: Category | None = None
-    """One of the 13; published packs have none."""
+    """One of the 13 categories; published packs have none."""
     concepts: tuple[str, ...] = ()
-    """The physics involved: one concept in `single` scenes, two or more otherwise."""
+    """The physical concepts: one in `single` scenes, two or more otherwise."""
     answer_spec: AnswerSpec | None = None
     """Type, unit and tolerance of the answer; published packs have none."""
     steps: dict[str, IntermediateQuantity] = {}
-    """Intermediate quantities by name, which agents may state and which are graded apart from the answer."""
+    """Intermediate quantities by name, which agents may state and which are graded separately from the answer."""
     disabled_tools: dict[str, str] = {}
-    """Tool name → why it is not available; the reason is shown to nobody but readers of the pack."""
+    """Tool name → reason for disabling it, which only readers of the pack see."""
     requires: tuple[str, ...] = ()
     """Tools without which the scene cannot be solved."""
     soft_objects: tuple[str, ...] = ()
-    """Ids of objects with soft surfaces: sinking into them by more than 1 mm is not an overlap."""
+    """Ids of objects with soft surfaces, for which an overlap of more than 1 mm is allowed."""
     knobs: dict[str, Knob] = {}
     """The hidden quantities, by name."""
     derive: dict[str, Expression] = {}
     """Quantities computed from the knobs, in order; usable in `apply`, `accept_draw`, `theory` and `measure`."""
     accept_draw: tuple[str, ...] = ()
-    """Conditions a draw must meet, such as `abs(mu - tan(0.5)) > 0.02`; a draw that fails one is redrawn."""
+    """Conditions on a draw, such as `abs(mu - tan(0.5)) > 0.02`; a draw that violates one is repeated."""
     apply: dict[str, Expression | tuple[Expression, ...]] = {}
-    """Where values go in the MJCF: `tag[name].attribute` → expression, or a list for a vector attribute. A path such as
-    `body[object_1]/inertial.mass` or `fixed[cord]/joint[wheel].coef` names an element by the one that holds it."""
+    """Targets of values in the MJCF: `tag[name].attribute` → expression, or a list for a vector attribute. A path such
+    as `body[object_1]/inertial.mass` or `fixed[cord]/joint[wheel].coef` identifies an element by its parent."""
     laws: tuple[Law, ...] = ()
-    """Forces that MuJoCo has no element for. Private."""
+    """Forces that no MuJoCo element provides. Private."""
     catches: tuple[Catch, ...] = ()
     """Latches, nets, rims, guards and stops of the prompt. Private."""
     family: dict[str, str] = {}
-    """Kinds of laws by name, each with the words in which the task states it. Private."""
+    """Kinds of laws by name, each with the words by which the task states it. Private."""
     schematic: tuple[SchematicPart, ...] = ()
     """Additional elements of drawings. Not part of the certified content."""
     limits: LabLimits | None = None
@@ -292,7 +294,7 @@ class Pack(_PackModel):
     instruments: Instruments | None = None
     """Resolutions of the instruments, stated in the prompt. Published packs have none."""
     version: str = "1"
-    """Version of the pack; raised when its meaning changes."""
+    """Version of the pack, incremented when its meaning changes."""
     canary: str | None = None
     """The canary string, by which training corpora can exclude packs."""
     format: Literal[1] = 1
@@ -300,7 +302,7 @@ class Pack(_PackModel):
 
     @property
     def predicts(self) -> bool:
-        """Whether it asks for a prediction within stated limits, so that certificates 7 to 10 and 12 apply to it."""
+        """Whether the pack asks for a prediction within stated limits, so that certificates 7 to 10 and 12 apply."""
         return self.category is not None and self.category.infers and self.limits is not None
 
     def permissions_of(self, key: str) -> Permissions:

@@ -1,4 +1,4 @@
-"""Two bodies on rails, coupled through a gear, between nets. For reference protocols.
+"""Fits the laws of two bodies on rails that are coupled by a gear, between nets. For reference protocols.
 
 The coupling force depends on the slip s = n v1 - v2, and possibly on v2. Forces are divided by the mass of the first
 body, so that this mass is the only constant with the scale of the forces.
@@ -24,12 +24,12 @@ JOINTS: Mapping[str, Callable[[Knobs, Any, Any], Any]] = {
     "sated": lambda knobs, slip, speed: knobs["p"] * slip * np.abs(speed) / (knobs["w"] + np.abs(speed)),
     "fading": lambda knobs, slip, speed: knobs["p"] * slip * np.abs(speed) / (knobs["w"] + np.abs(speed)) ** 1.5,
 }
-"""Force that a joint passes on, by its slip and the speed of the second body."""
+"""Kind of joint → force that it transmits, from its slip and the speed of the second body."""
 DRAGS: Mapping[str, Callable[[Any], Any]] = {
     "linear": lambda speed: speed,
     "square": lambda speed: speed * np.abs(speed),
 }
-"""How a resistance depends on the speed."""
+"""Kind of resistance → its dependence on the speed."""
 _BOX = {
     "n": (0.15, 2.6),
     "b": (0.2, 5.0),
@@ -37,7 +37,7 @@ _BOX = {
     "r": (0.05, 3.0),
     "p": (0.02, 5.0),
 }
-"""Ranges of the constants: gear ratio, mass of the second body over the first's, both resistances, joint."""
+"""Ranges of the constants: gear ratio, mass of the second body over that of the first, both resistances, joint."""
 _MASSES = 3.0
 """Largest ratio between the mass of the first body and its first estimate, in both directions."""
 _STRIDE_S, _STOP_S, _MARGIN, _FIRMNESS = 0.05, 0.8, 1.3, 0.3
@@ -45,7 +45,7 @@ _STRIDE_S, _STOP_S, _MARGIN, _FIRMNESS = 0.05, 0.8, 1.3, 0.3
 _TOUCH_S = 0.25
 """Duration of each of the first pushes."""
 _FIRST_GAINS = 7.0, 14.0
-"""Guessed accelerations of both by the greatest force on each: careful ones [m/s²]."""
+"""Conservative guesses of the accelerations of both bodies by the largest force on each [m/s²]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,30 +53,30 @@ class Pair:
     """A family of laws of two coupled bodies, one of which has a resistance of unknown form."""
 
     joints: Sequence[str]
-    """Which of `JOINTS` there may be."""
+    """The possible kinds of joints, from `JOINTS`."""
     open_body: int
-    """Index of the body whose resistance may be any of `DRAGS`; that of the other is linear."""
+    """Index of the body whose resistance may be any of `DRAGS`; that of the other body is linear."""
     held: int
     """Index of the body that the question keeps at a speed."""
     pushed: int
     """Number of bodies that can be pushed, from the first on."""
     sigma: tuple[float, float]
-    """Standard deviations of a place and a speed [m, m/s]."""
+    """Standard deviations of a position and a speed [m, m/s]."""
     net: float
     """Distance of the nets [m]."""
     bend: tuple[float, float]
-    """Range of the speed at which some joints change [m/s]."""
+    """Range of the speed at which the force of some joints changes its slope [m/s]."""
     growth: float = 8.0
-    """How many times harder each of the first pushes is than the one before."""
+    """Ratio of each of the first pushes to the previous one."""
 
     @property
     def rig(self) -> Rig:
-        """What is pushed and read."""
+        """The controls and readings of the pair."""
         reads = [of(body, 0) for of in (position, velocity) for body in BODIES]
         return Rig([force(body, 0) for body in BODIES[: self.pushed]], reads, significant=3)
 
     def laws(self, course: Course) -> Laws:
-        """Every structure, such as `oil, linear`, with masses near a first estimate from the course.
+        """Return every structure, such as `oil, linear`, with masses near a first estimate from the course.
 
         If all forces are linear, motions and steady speeds do not determine r, n, c and p separately. One resistance
         then replaces all of them.
@@ -103,13 +103,13 @@ class Pair:
         )
 
     def _resisted(self, structure: str, knobs: Knobs, body: int, speed: Any) -> Any:
-        """Resistance of a body."""
+        """Return the resistance of a body."""
         drag = structure.split(", ")[1] if body == self.open_body else "linear"
         # What may be left out is the resistance of the second body.
         return (knobs["c"] if body == 0 else knobs.get("r", 0.0)) * DRAGS[drag](speed)
 
     def rates(self, structure: str, knobs: Knobs, _: Any, state: Array, pushes: Array) -> Array:
-        """Time derivative of places and speeds."""
+        """Return the time derivative of positions and speeds."""
         _, _, first, second = state
         passed = JOINTS[structure.split(", ", maxsplit=1)[0]](knobs, knobs["n"] * first - second, second)
         other = pushes[1] / knobs["m"] if self.pushed > 1 else 0.0
@@ -119,18 +119,18 @@ class Pair:
         )
 
     def steady(self, structure: str, knobs: Knobs, speed: float) -> list[float]:
-        """Speed of the other body while one is kept at this speed, and the force that keeps it."""
+        """Return the steady speed of the other body while one is kept at this speed, and the force that keeps it."""
         n, m, joint = float(knobs["n"]), float(knobs["m"]), JOINTS[structure.split(", ", maxsplit=1)[0]]
 
         def slip(other: float) -> float:
             return n * speed - other if self.held == 0 else n * other - speed
 
         def passed(other: float) -> float:
-            """What the joint passes on."""
+            """Return the force that the joint transmits."""
             return float(joint(knobs, slip(other), other if self.held == 0 else speed))
 
         def excess(other: float) -> float:
-            """Coupling force on the other body, divided by its resistance."""
+            """Return the coupling force on the other body, divided by its resistance."""
             return float(
                 (1.0 if self.held == 0 else -n) * passed(other) - self._resisted(structure, knobs, 1 - self.held, other)
             )
@@ -140,7 +140,7 @@ class Pair:
         return [other, float(m * (self._resisted(structure, knobs, self.held, speed) + back))]
 
     def course(self, exchanges: Exchanges) -> Course:
-        """The course up to where a net caught a body."""
+        """Return the course until a net caught a body."""
         course = self.rig.course(exchanges)
         caught = np.abs(course.readings[:, :2]) > self.net - 2 * self.sigma[0]
         return course.until(caught[:, 0] | caught[:, 1])
@@ -177,7 +177,7 @@ class Pair:
     def _chosen(
         self, level: Array, sense: float, times: Sequence[float], course: Course, top: float
     ) -> tuple[Array, float]:
-        """Pushes and duration of a leg: in this direction if the nets are far, else in the other one, else zero."""
+        """Choose pushes and duration of a leg: forwards if the nets are far, else backwards, else zero."""
         response = _response(course, top)
         stop = -top * np.sign(course.readings[-1, 2:])
         for pushes, duration in [
@@ -189,7 +189,7 @@ class Pair:
         return stop, times[-1]
 
     def _clear(self, reading: Array, pushes: Array, duration: float, response: Array) -> bool:
-        """Whether both bodies stay off the nets during the pushes, and if the pushes are then reversed."""
+        """Return whether both bodies stay off the nets during the pushes, and if the pushes are then reversed."""
         places, speeds = reading[:2].copy(), reading[2:].copy()
         room = np.maximum(0.85 * self.net, np.abs(places))
         pushed = np.array([1.0, self.pushed - 1.0])
@@ -203,7 +203,7 @@ class Pair:
 
 
 def _response(course: Course, top: float) -> Array:
-    """A linear approximation: acceleration of both bodies per unit of the force share and of each speed."""
+    """Return a linear approximation: accelerations of both bodies per unit of the force share and of each speed."""
     states = np.vstack([np.zeros(4), np.nan_to_num(course.readings)])
     pushes = np.zeros((len(course.durations), 2))
     pushes[:, : course.controls.shape[1]] = course.controls / top
@@ -218,7 +218,7 @@ def _response(course: Course, top: float) -> Array:
 
 
 def kept_speed(engine: Any, held: int, speeds: Sequence[float], seconds: float) -> list[float]:
-    """Speed of the other body in the engine, and the force on a body that a huge mass keeps at its speed.
+    """Measure in the engine the other body's speed, and the force on a body that a huge mass keeps at its speed.
 
     Args:
         engine: The engine at the drawn values.
@@ -238,7 +238,7 @@ def kept_speed(engine: Any, held: int, speeds: Sequence[float], seconds: float) 
 
 
 def left_over(engine: Any, held: int, speeds: Sequence[float], push: float, off: float, seconds: float) -> float:
-    """Relative error of the speeds a while after they were disturbed by another relative error, at constant force."""
+    """Return the relative error of the speeds some time after a relative disturbance, at constant force."""
     free = engine.changed({"body[nets].pos": (1e6, 0.0, 0.0)})
     for body, speed in zip(BODIES, speeds, strict=True):
         free.set_velocity(body, np.array([(1 + off) * speed, 0.0, 0.0]))

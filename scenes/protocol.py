@@ -53,56 +53,57 @@ class Member:
     """The best fit of one member of the family of laws that a task states; `scenes.family` computes it."""
 
     chi_square: float
-    """Sum of the squared misfits, each in its standard deviation: error of the reading and of the computed value."""
+    """Sum of the squared misfits, each divided by the standard deviation of reading and computed value together."""
     readings: int
     """Number of misfits; the same for all members that are compared."""
     constants: int
-    """Number of constants that were fitted."""
+    """Number of fitted constants."""
     answer: AnswerValue
-    """The answer by the best constants."""
+    """The answer computed with the best-fit constants."""
     plausible: Callable[[int], list[AnswerValue]]
-    """Answers for a number of constants drawn from their normal distribution given the readings."""
+    """Answers computed with constants that are drawn from their normal distribution given the readings."""
 
 
 @dataclass(frozen=True, slots=True)
 class Solution:
-    """What `solution.py` defines."""
+    """The functions that `solution.py` defines."""
 
     solve: Callable[[str], Protocol] | None
     """Reference protocol: takes the opening prompt, yields calls, receives readings."""
     theory: Callable[[Mapping[str, KnobValue]], AnswerValue] | None
-    """The answer from the drawn values, by a formula."""
+    """Computes the answer from the drawn values, by a formula."""
     measure: Callable[[Any, Mapping[str, KnobValue]], AnswerValue] | None
-    """The answer from a run of the engine without permissions: takes the drawn world and the drawn values."""
+    """Computes the answer by a run of the engine without permissions, from the drawn world and the drawn values."""
     structure: Callable[[Mapping[str, KnobValue]], str] | None = None
-    """Which of the possible structures was drawn: a label."""
+    """Returns the label of the structure that was drawn."""
     fit: Callable[[Exchanges, str], AnswerValue] | None = None
-    """The answer by the model of a structure, fitted to the calls and readings of the reference protocol."""
+    """Fits the model of a structure to the calls and readings of the reference protocol; returns the answer."""
     naive: Callable[[Mapping[str, KnobValue]], Mapping[str, AnswerValue]] | None = None
-    """The wrong answers of natural shortcuts, by name, from the drawn values."""
+    """Computes the wrong answers of plausible shortcuts, by name, from the drawn values."""
     batch: Callable[[str], Protocol] | None = None
     """The best attempt with one fixed list of at most 60 calls: yields them once, then the answer."""
     rivals: Callable[[Exchanges], Mapping[str, Member]] | None = None
-    """Every member of the stated family of laws, fitted to calls and readings, by the label of its structure."""
+    """Fits every member of the stated family of laws to calls and readings; returns them by the label of their
+    structure."""
     settles: Callable[[Any, Mapping[str, KnobValue], float], float] | None = None
-    """Whether the asked state stays: starts the drawn world off the state by this share of it, under constant loads and
-    without a controller, and returns its relative error after a long time. For questions about an equilibrium."""
+    """Tests the stability of an equilibrium in question. Starts the drawn world with this relative deviation, under
+    constant loads and without a controller, and returns its relative error after a long time."""
     stages: Mapping[str, Callable[[str], Protocol]] = field(default_factory=dict[str, Callable[[str], Protocol]])
-    """The most direct attempts to produce the asked situation, by name: `stage` and `stage_…`."""
+    """The most direct attempts to produce the situation of the question, by name: `stage` and `stage_…`."""
 
 
 def call(tool: str, **arguments: Any) -> Call:
-    """A call of a tool."""
+    """Return a call of a tool."""
     return Call(tool, arguments)
 
 
 def answer(value: AnswerValue, **steps: float) -> Call:
-    """The call with the final answer and the intermediate quantities that the scene names."""
+    """Return the call with the final answer and the intermediate quantities that the scene names."""
     return Call(ANSWER, {"answer": value, "steps": steps} if steps else {"answer": value})
 
 
 def drawn_kind(knobs: Mapping[str, KnobValue]) -> str:
-    """The structure of a pack that defines none: the drawn value `kind`."""
+    """Return the structure of a pack that defines none: the drawn value `kind`."""
     return str(knobs[KIND])
 
 

@@ -1,4 +1,4 @@
-"""The public half of a pack: what a laboratory needs to host a scene, and nothing that reveals its answer.
+"""The public half of a pack: the data that a laboratory needs to host a scene, none of which reveals its answer.
 
 An exported pack (`scenes.export`) contains only this half and the models of some seeds, for a host on another machine:
 `Scene7/scene7.public.json` and `Scene7/scene7.seed0.xml`, `scene7.seed1.xml`, …
@@ -19,7 +19,7 @@ from scenes.model import drawn_mjcf, noise_of_seed
 from scenes.pack import Pack, Permissions, SchematicPart
 
 _FILE = re.compile(r"""[\s"']file\s*=""")
-"""An attribute by which a model makes MuJoCo read another file."""
+"""Attributes by which a model makes MuJoCo read another file."""
 
 
 def _with_prefix(written: str) -> str:
@@ -49,7 +49,7 @@ class AnswerForm(_Public):
     options: tuple[str, ...] = ()
     variables: dict[str, Variable] = {}
     rel_tol: float = 0.05
-    """A number is right within abs_tol + rel_tol |key|."""
+    """Relative tolerance: a number is right if its error is at most abs_tol + rel_tol |key|."""
     abs_tol: float = 0.0
 
 
@@ -80,7 +80,7 @@ class PublicPack(_Public):
 
     @classmethod
     def of(cls, scene_id: int, pack: Pack) -> Self:
-        """The public half of a whole pack."""
+        """Return the public half of a complete pack."""
         spec = pack.answer_spec
         return cls(
             scene_id=scene_id,
@@ -125,7 +125,7 @@ def read_public(files: PackFiles) -> PublicPack:
 
 
 def hosted_files(files: PackFiles, seed: int) -> tuple[Path, Path]:
-    """The two files that `read_hosted` reads, of a complete or an exported pack.
+    """Return the two files that `read_hosted` reads, of a complete or an exported pack.
 
     Raises:
         PackError: One of them is outside the folder of packs, or the seed was not exported.
@@ -159,12 +159,12 @@ def read_hosted(files: PackFiles, seed: int) -> tuple[PublicPack, str]:
 
 
 def exported_json(files: PackFiles) -> Path:
-    """The file with the public half of an exported pack; complete packs have no such file."""
+    """Return the path of the public half of an exported pack. Complete packs have no such file."""
     return files.folder / f"scene{files.scene_id}.public.json"
 
 
 def exported_mjcf(files: PackFiles, seed: int) -> Path:
-    """The model of an exported pack for a seed."""
+    """Return the path of the model of an exported pack for a seed."""
     return files.folder / f"scene{files.scene_id}.seed{seed}.xml"
 
 

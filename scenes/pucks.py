@@ -1,4 +1,4 @@
-"""Push a puck over a floor with unknown laws, fit the laws and predict. For reference protocols of open worlds."""
+"""Pushes a puck over a floor with unknown laws, fits the laws and predicts. For reference protocols of open worlds."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -12,7 +12,7 @@ from scenes.protocol import AnswerValue, Call, Exchanges, Protocol, answer, call
 PUCK = "object_1"
 AXES = (0, 1)
 HEAVY_KG = 1e6
-"""Mass of a puck that nothing on a floor can stop."""
+"""Mass of a puck that practically keeps its velocity."""
 TO_AND_FRO = (
     (0.5, 0.0, 1.0),
     (-1.0, 0.3, 1.0),
@@ -23,9 +23,9 @@ TO_AND_FRO = (
     (0.0, 0.0, 1.6),
     (6.0, -4.0, 0.8),
 )
-"""Pushes that grow, for a puck of unknown mass: fx, fy [N], duration [s]."""
+"""Alternating, growing pushes for a puck of unknown mass: fx, fy [N], duration [s]."""
 _SIZES = (0.25, 0.5, 0.75, 1.0)
-"""Sizes of the pushes that are considered, as shares of the largest."""
+"""Candidate magnitudes of pushes, as fractions of the largest."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,45 +35,46 @@ class PuckFloor:
     laws: Laws
     """The state begins with x, y, vx and vy; the controls are the forces along x and y; one of the constants is `m`."""
     predict: Callable[[str, Mapping[str, Any]], AnswerValue]
-    """The answer from a structure and its constants."""
+    """Computes the answer from a structure and its constants."""
     targets: Sequence[tuple[float, float]]
-    """Places that the puck is led to, round and round."""
+    """Positions to which the puck is steered, in a cycle."""
     near_m: float
-    """How near to a target is near enough."""
+    """Distance from a target at which it counts as reached."""
     leg_s: float
-    """How long a push is held."""
+    """Duration of a push."""
     fixed_pushes: Sequence[tuple[float, float, float]] = TO_AND_FRO
     """Pushes of the fixed batch: fx, fy, duration."""
     steer: Callable[[Array, Array, Array], Array] | None = None
-    """Force from place, velocity and target, for a puck of known mass. Without it, pushes suit the mass so far, and the
-    fields from `safe_m` to `coasts_s` say how they are chosen."""
+    """Computes the force from position, velocity and target, for a puck of known mass. Without it, pushes are adapted
+    to the current mass estimate, by the fields from `safe_m` to `coasts_s`."""
     safe_m: float = 3.0
     """Distance from the middle that the puck should not exceed."""
     haste: float = 4.0
     """Largest push per kilogram [m/s²]."""
     slowed: float = 0.7
-    """Share of the speed that is left after a leg, about."""
+    """Assumed fraction of the speed that is left after a leg."""
     coasts_s: float = 0.6
-    """How long the puck coasts after a leg, about."""
+    """Assumed time for which the puck coasts after a leg."""
     legs: int = 19
     looks: int = 2
-    """Readings during each push."""
+    """Number of readings during each push."""
     lightest_kg: float = 0.3
     heaviest_kg: float = 6.0
     growth: float = 3.0
-    """Largest factor by which the mass that is believed grows from leg to leg, so that a wrong one does little."""
+    """Largest factor by which the mass estimate may grow from leg to leg, which limits the effect of a wrong
+    estimate."""
     rim_m: float | None = None
-    """Radius of the floor. What is read from the moment on at which the puck is beyond it is not fitted, since what
-    holds the puck there is in no law."""
+    """Radius of the floor. Readings after the puck has crossed it are not fitted, because the laws do not describe the
+    rim."""
     drifts: bool = False
-    """Whether pushes make up for a uniform force, as far as it is known."""
+    """Whether pushes compensate an estimated uniform force."""
     idle_legs: int = 0
-    """Initial legs without a push, which distinguish a uniform force from a light puck."""
+    """Number of initial legs without a push, which distinguish a uniform force from a small mass."""
     patience: int | None = None
-    """Legs after which a target that was not reached is left for the next one: what acts may keep the puck off it."""
+    """Number of legs after which an unreached target is abandoned, because a force may keep the puck away from it."""
 
     def solve(self, _: str) -> Protocol:
-        """Begin with small pushes, then push the puck back and forth with forces that suit its mass; fit every law."""
+        """Push gently at first, then back and forth with forces adapted to the estimated mass; then fit every law."""
         seen, place, speed = list[tuple[Call, Any]](), np.zeros(2), np.zeros(2)
         targets, mass, tried = list(self.targets), self.lightest_kg, 0
         for leg in range(self.legs):
@@ -95,43 +96,43 @@ class PuckFloor:
         yield [answer(self.best(seen))]
 
     def batch(self, _: str) -> Protocol:
-        """Back-and-forth pushes of fixed sizes and durations, and the same fit."""
+        """Push back and forth with fixed sizes and durations, and fit the laws in the same way."""
         calls = [asked for x, y, lasting in self.fixed_pushes for asked in self.push(np.array([x, y]), lasting)]
         readings = yield calls
         yield [answer(self.best(list(zip(calls, readings, strict=True))))]
 
     def fit(self, readings: Exchanges, structure: str) -> AnswerValue:
-        """The answer of the best fit of a structure."""
+        """Return the answer of the best fit of a structure."""
         return self.predict(structure, self.laws.fitted(self.course(readings), structure)[1])
 
     def best(self, readings: Exchanges) -> AnswerValue:
-        """The answer of the structure with the best fit."""
+        """Return the answer of the structure with the best fit."""
         return self.predict(*self.laws.best(self.course(readings)))
 
     def course(self, readings: Exchanges) -> Course:
-        """Pushes and the readings after them, as long as the puck is on the floor."""
+        """Return pushes and the readings after them, as long as the puck is on the floor."""
         course = _course(readings)
         if self.rim_m is None:
             return course
         return course.until(np.hypot(course.readings[:, 0], course.readings[:, 1]) > self.rim_m)
 
     def push(self, newtons: Array, duration: float) -> list[Call]:
-        """A constant push with readings at equal intervals."""
+        """Return calls that apply a constant push and read at equal intervals."""
         look = round(duration / self.looks / 0.005) * 0.005
         eyes = [call("get_position", object_id=PUCK), call("get_velocity", object_id=PUCK)]
         pushed = call("apply_force", object_id=PUCK, force_vector=[*np.round(newtons, 3).tolist(), 0.0])
         return [pushed, *([call("step", duration=look), *eyes] * self.looks)]
 
     def mass(self, readings: Exchanges) -> float:
-        """Mass estimated by a linear law: drag and transverse force proportional to the speed, and a uniform force."""
+        """Estimate the mass by a linear law with drag, a transverse force and a uniform force."""
         return float(1 / np.clip(self._plain(readings)[0], 1 / self.heaviest_kg, 1 / self.lightest_kg))
 
     def drift(self, readings: Exchanges) -> Array:
-        """Uniform force per mass by the same linear law [m/s²]."""
+        """Estimate the uniform force per mass by the same linear law [m/s²]."""
         return np.clip(self._plain(readings)[3:], -self.haste, self.haste) if readings else np.zeros(2)
 
     def _plain(self, readings: Exchanges) -> Array:
-        """Linear law: 1/mass, drag and transverse force per speed and mass, and uniform force per mass."""
+        """Fit the linear law: 1/mass, drag and transverse force per speed and mass, and uniform force per mass."""
         course, sigma = _course(readings), self.laws.sigma[2]
         durations, after = course.durations, course.readings[:, 2:4]
         before = np.vstack([[0.0, 0.0], after[:-1]])
@@ -145,7 +146,7 @@ class PuckFloor:
         return cast(Array, np.linalg.lstsq(np.vstack([rows, weak]), right, rcond=None)[0])
 
     def aimed(self, place: Array, speed: Array, target: Array) -> Array:
-        """The push per mass, of many candidates, that brings the puck to rest nearest to a target and not far out."""
+        """Return the push per mass that brings the puck to rest nearest to a target, within the safe radius."""
         angles = np.linspace(0, 2 * np.pi, 25)[:-1]
         ways = np.array([np.cos(angles), np.sin(angles)]).T
         pushes = np.concatenate([size * self.haste * ways for size in _SIZES])
@@ -156,7 +157,7 @@ class PuckFloor:
 
 
 def _course(readings: Exchanges) -> Course:
-    """Pushes and what was read after them."""
+    """Return pushes and the readings after them."""
     seen = [*(position(PUCK, axis) for axis in AXES), *(velocity(PUCK, axis) for axis in AXES)]
     return recorded(readings, [force(PUCK, axis) for axis in AXES], seen)
 
@@ -164,7 +165,7 @@ def _course(readings: Exchanges) -> Course:
 def force_on_puck(
     engine: Any, place: tuple[float, float], speed: tuple[float, float] = (0.0, 0.0), time: float = 0.0
 ) -> Array:
-    """Force on the puck at a position, a velocity and a time, in the engine [N].
+    """Measure the force on the puck at a position, a velocity and a time, in the engine [N].
 
     A huge inertia keeps position and velocity constant during the time step in which the force is read.
     """
@@ -177,7 +178,7 @@ def force_on_puck(
 
 
 def heavy_puck(engine: Any, kg: float = HEAVY_KG) -> Any:
-    """The scene with a puck that keeps its velocity, without the body `gate`, so that the rim does not catch it."""
+    """Return the scene with a puck that keeps its velocity, without `gate`, so that the rim does not catch it."""
     heavy = engine.changed({f"joint[{PUCK}_{axis}].armature": kg for axis in "xy"})
     heavy.place("gate", np.array([0.0, 0.0, 1.0]), {})
     return heavy

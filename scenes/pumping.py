@@ -1,8 +1,7 @@
-"""Pumps a body up in a potential, half swing by half swing, short of a catch. For reference protocols.
+"""Pumps a body up in a potential, half swing by half swing, without reaching a catch. For reference protocols.
 
-Each half swing is planned with all constants that the readings leave plausible: with none of them may the body pass the
-reach. Where little is known the body therefore goes less far, and neither an error of the fit nor a force that only the
-fit believes in lets it run into the catch.
+Each half swing is planned for all constants that the readings allow: with none of them may the body exceed the reach.
+If little is known, the body therefore swings less far, and an error of the fit does not let it reach the catch.
 """
 
 from collections.abc import Callable, Generator, Sequence
@@ -16,44 +15,44 @@ from scenes.rigs import Rig, lasting
 from scenes.works import parts_of_way
 
 _SHARES = np.linspace(1.0, -1.0, 81)
-"""Pushes along the motion that are tried, as shares of the strongest."""
+"""Candidate pushes along the motion, as fractions of the strongest."""
 _BEYOND, _PLACES = 1.3, 400
-"""How far turning places are looked for, in reaches, and at how many places."""
+"""Distance in which turning points are searched, in units of the reach, and number of positions searched."""
 _TURNED = 0.1
-"""A body that is nearer to its turning place than this share of its distance from the middle counts as turned."""
+"""A body counts as turned within this fraction of its turning point's distance from the middle."""
 
 
 @dataclass(frozen=True, slots=True)
 class Pump:
-    """How a body is pumped up."""
+    """Plans the pushes that increase the swings of a body."""
 
     rig: Rig
-    """A push, and what is read after each look."""
+    """The push, and the readings after each look."""
     potential: Callable[[Array, Array], Array]
-    """Constants and places → potential energy [J]; least at place 0."""
+    """Constants and positions → potential energy [J]; smallest at position 0."""
     inertia: Callable[[Array], Array]
     """Constants → mass or moment of inertia [kg, kg·m²]."""
     strongest: float
     """The strongest push [N, N·m]."""
     reach: float
-    """How far from the middle the body may go [m, rad]."""
+    """Largest distance from the middle that the body may reach [m, rad]."""
     looks: Callable[[float], Sequence[float]]
-    """Where a half swing ends → when to look, in shares of its time; most often at the reach."""
+    """End of a half swing → times of its readings, as fractions of its duration; most readings are near the reach."""
     calls: int
-    """Most calls before the answer."""
+    """Largest number of calls before the answer."""
     time_s: float
-    """Time that all of it may take [s]."""
+    """Largest total duration [s]."""
     singly: int
-    """Number of half swings that are planned one by one; then two are planned at a time."""
+    """Number of half swings that are planned one at a time; later ones are planned two at a time."""
 
     def pumped(
         self, first: list[Call], plausible: Callable[[Exchanges], Array]
     ) -> Generator[list[Call], list[Reading], list[tuple[Call, Reading]]]:
-        """Do the first calls, then half swings as long as calls and time last.
+        """Make the first calls, then half swings as long as calls and time suffice.
 
         Args:
-            first: Calls that set the body going.
-            plausible: What was read → constants that it leaves plausible, the best in column 0.
+            first: Calls that set the body in motion.
+            plausible: Exchanges → constants that they allow, the best-fit ones in column 0.
 
         Returns:
             The exchanges.
@@ -70,11 +69,11 @@ class Pump:
         return seen
 
     def half_swings(self, plausible: Array, place: float, speed: float, number: int) -> list[Call]:
-        """Calls of half swings, each planned from where the one before ends.
+        """Return the calls of half swings, each planned from the end of the previous one.
 
         Args:
-            plausible: Constants of the potential, the best in column 0; shape (constants, members).
-            place: Where the body is [m, rad].
+            plausible: Constants of the potential, the best-fit ones in column 0; shape (constants, members).
+            place: Position of the body [m, rad].
             speed: Its speed [m/s, rad/s].
             number: Number of half swings.
         """
@@ -93,7 +92,7 @@ class Pump:
         return calls
 
     def _planned(self, plausible: Array, places: Array, speed: float, side: float) -> tuple[float, Array]:
-        """The push along the motion that leads farthest within the reach, and where each member then turns back."""
+        """Return the push along the motion that leads farthest within the reach, and each member's turning point."""
         far = side * _BEYOND * self.reach
         ways = (far - places)[:, None] * np.linspace(0.0, 1.0, _PLACES)
         rises = self.potential(plausible[:, :, None], places[:, None] + ways)
@@ -107,14 +106,14 @@ class Pump:
         return push, ends
 
     def _back(self, constants: Array, place: float, speed: float, push: float) -> float:
-        """Time in which a body that is about to turn back comes to the same place again."""
+        """Return the time after which a body that is about to turn back passes the same position again."""
         step = 1e-4 * self.reach
         around = self.potential(constants[:, None], np.array([place - step, place + step]))
         pull = abs(float(around[1] - around[0]) / (2 * step) - push)
         return 2 * float(self.inertia(constants)) * abs(speed) / pull
 
     def _duration(self, constants: Array, push: float, start: float, end: float, speed: float) -> float:
-        """Time of the way between two places, from a speed at the first."""
+        """Return the travel time between two positions, from a speed at the first."""
         inertia = float(self.inertia(constants))
         energy = inertia * speed**2 / 2 + float(self.potential(constants, np.array(start))) - push * start
 
@@ -125,11 +124,11 @@ class Pump:
 
 
 def turning_ways(left: Array, ways: Array) -> Array:
-    """The ways after which no kinetic energy is left for the first time; the last way where some is left at all.
+    """Return the first distances at which no kinetic energy is left; the last one with some left if there is none.
 
     Args:
-        left: Kinetic energy along each way; shape (members, places).
-        ways: The ways, from 0 on; of the same shape.
+        left: Kinetic energy along each path; shape (members, places).
+        ways: The distances, from 0 on; of the same shape.
     """
     after = np.argmax(left < 0, axis=1)
     rows = np.arange(len(left))

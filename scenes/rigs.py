@@ -14,13 +14,13 @@ TICK_S = 0.005
 
 
 def motion(duration: float, body: str = "object_1") -> list[Call]:
-    """Wait [s], and read position and velocity of a body."""
+    """Return calls that wait [s] and read position and velocity of a body."""
     reads = (call(tool, object_id=body) for tool in ("get_position", "get_velocity"))
     return [call("step", duration=duration), *reads]
 
 
 def lasting(calls: Sequence[Call]) -> float:
-    """Simulated time that the calls take [s]."""
+    """Return the simulated time that the calls take [s]."""
     return sum(float(asked.arguments["duration"]) for asked in calls if asked.tool == "step")
 
 
@@ -31,24 +31,24 @@ class Rig:
     controls: Sequence[Channel]
     """Components of forces and torques; each is set at the start of a leg."""
     readings: Sequence[Channel]
-    """What is read after each look, in this order; channels of one call are read together."""
+    """The readings after each look, in this order; channels of one call are read together."""
     decimals: int = 4
-    """Decimals to which forces and torques are rounded."""
+    """Number of decimals to which forces and torques are rounded."""
     significant: int | None = None
-    """Significant digits to which they are rounded instead."""
+    """Number of significant digits to which they are rounded instead; None to use `decimals`."""
 
     def leg(self, pushes: Any, duration: float, looks: int = 1) -> list[Call]:
-        """Calls that apply constant pushes for a duration and read after each of its equal parts.
+        """Return calls that apply constant pushes for a duration and read after each of its equal parts.
 
         Args:
-            pushes: A value for each control [N, N·m]; the controls beyond the last value, or beyond a number, are 0.
+            pushes: A value for each control [N, N·m]; missing values are 0.
             duration: Duration of the pushes [s]; each part is rounded to whole time steps, at least one.
             looks: Number of parts.
         """
         return [*self._set(pushes), *(self._look(duration / looks) * looks)]
 
     def along(self, pushes: Any, moments: Iterable[float]) -> list[Call]:
-        """Calls that apply constant pushes and read at these times [s]; intervals are rounded to whole time steps."""
+        """Return calls that apply constant pushes and read at these times [s]; intervals are whole time steps."""
         calls, before = self._set(pushes), 0.0
         for moment in moments:
             look = self._look(moment - before)
@@ -88,5 +88,5 @@ class Rig:
         return round(push, self.decimals) if self.significant is None else float(f"{push:.{self.significant}g}")
 
     def course(self, exchanges: Exchanges) -> Course:
-        """The course of these calls and readings."""
+        """Return the course of these calls and readings."""
         return recorded(exchanges, self.controls, self.readings)

@@ -12,8 +12,8 @@ from typing import Any
 
 _FILE = Path(__file__).with_name("splits.json")
 HELD_BACK = "held-back"
-"""The split whose seeds come from a key that its publisher keeps. It is not among `splits()`: without the key it has no
-seeds."""
+"""The split whose seeds are derived from a key that its publisher keeps. `splits()` omits it, because without the key
+it has no seeds."""
 
 
 @dataclass(frozen=True, slots=True)

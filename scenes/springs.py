@@ -1,4 +1,4 @@
-"""Nonlinear springs, fitted to forces at rest. For reference protocols.
+"""Fits nonlinear springs to forces at rest. For reference protocols.
 
 An `even` spring pulls with k u, a `cubic` one with k u + c u³, and a `late` one with k u + c max(u - e, 0), where a
 second spring engages at the edge e. A law is the tuple (k,), (k, c) or (k, c, e).
@@ -18,44 +18,44 @@ from scenes.protocol import AnswerValue, Member
 
 Law = tuple[float, ...]
 Points = Sequence[tuple[float, float]]
-"""Stretches [m] and forces [N] at rest."""
+"""Elongations [m] and forces [N] at rest."""
 KINDS = ("even", "cubic", "late")
 SIGMA_M = 1.5e-4
-"""Standard deviation of a place that is read."""
+"""Standard deviation of a position reading [m]."""
 SIGMA_RAD_S = 1.5e-3
-"""Standard deviation of a spin that is read."""
+"""Standard deviation of an angular velocity reading [rad/s]."""
 GOALS = (0.06, 0.12, 0.16, 0.19, 0.212, 0.23, 0.246, 0.258, 0.268, 0.277, 0.285, 0.291)
-"""Stretches [m] that distinguish the kinds: denser around the edges, up to a catch at 0.3 m."""
+"""Elongations [m] that distinguish the kinds: denser around the edges, up to a catch at 0.3 m."""
 _EDGES = np.linspace(0.185, 0.255, 15)
 _EDGE_RANGE = (0.18, 0.262)
 _LEAST = {"cubic": 3.0, "late": 0.7}
-"""Least second constant over the stiffness; the drawn ones are larger."""
+"""Smallest ratio of the second constant to the stiffness; the drawn ones are larger."""
 LAST_M = 0.3
-"""Stretch for which prompts state the least share of a part with the third power."""
+"""Elongation at which prompts state the smallest share of a cubic part [m]."""
 _RANGES = {"even": [], "cubic": [(0.25, 0.8)], "late": [(0.4, 2.4), (0.18, 0.26)]}
-"""What prompts state: share of the third power at `LAST_M`; logarithm of the second part's stiffness over the first
-one's, which is at least 1.5, and edge [m]."""
+"""Ranges that prompts state: share of the cubic term at `LAST_M`; logarithm of the ratio of the second part's stiffness
+to the first one's, which is at least 1.5; and edge [m]."""
 _PRICE = 4.0
-"""What a constant more must gain in chi-square to be believed."""
+"""Decrease of chi-square that an additional constant must give."""
 
 
 def pull(u: Any, k: float, part: float = 0.0, edge: float | None = None) -> Any:
-    """Pull [N] of a spring at a stretch, or at an array of stretches [m]."""
+    """Return the pull [N] of a spring at an elongation, or at an array of elongations [m]."""
     return k * u + part * (u**3 if edge is None else np.maximum(u - edge, 0.0))
 
 
 def energy(u: float, k: float, part: float = 0.0, edge: float | None = None) -> float:
-    """Energy [J] of a spring at a stretch [m]: the integral of its pull."""
+    """Return the energy [J] of a spring at an elongation [m]: the integral of its pull."""
     return k * u**2 / 2 + (part * u**4 / 4 if edge is None else part * max(u - edge, 0.0) ** 2 / 2)
 
 
 def drawn_kinds(knobs: Mapping[str, Any]) -> str:
-    """The kinds of all springs, such as `even, late`."""
+    """Return the kinds of all springs, such as `even, late`."""
     return knobs["kinds"]
 
 
 def drawn(knobs: Mapping[str, Any], number: int) -> tuple[float, ...]:
-    """The law of spring 1 or 2 from the drawn values `kinds`, k, w, q and s."""
+    """Return the law of spring 1 or 2 from the drawn values `kinds`, k, w, q and s."""
     kind, k = knobs["kinds"].split(", ")[number - 1], knobs[f"k{number}"]
     if kind == "cubic":
         return k, k / knobs[f"w{number}"] ** 2
@@ -63,7 +63,7 @@ def drawn(knobs: Mapping[str, Any], number: int) -> tuple[float, ...]:
 
 
 def solved(columns: Sequence[Array], right: Array, size: Array) -> tuple[Array, Array]:
-    """Misfits in standard deviations, and coefficients of the columns, by linear least squares."""
+    """Solve a linear least-squares problem; returns misfits in standard deviations, and coefficients of the columns."""
     weighed = np.column_stack(columns) / size[:, None]
     scale = np.linalg.norm(weighed, axis=0) + 1e-12
     found = cast(Array, np.linalg.lstsq(weighed / scale, right / size, rcond=None)[0]) / scale
@@ -71,7 +71,7 @@ def solved(columns: Sequence[Array], right: Array, size: Array) -> tuple[Array, 
 
 
 def best_edge(at: Callable[[float], tuple[Array, Array]], edges: Iterable[float], bounds: tuple[float, float]) -> float:
-    """The edge with the smallest misfits: the best candidate, refined within bounds.
+    """Return the edge with the smallest misfits: the best candidate, refined within bounds.
 
     Args:
         at: Misfits and coefficients at an edge.
@@ -83,12 +83,12 @@ def best_edge(at: Callable[[float], tuple[Array, Array]], edges: Iterable[float]
 
 
 def spin_errors(spin: Array, torque: Array) -> Array:
-    """Standard deviations of torques [N·m], from the errors of the steady angular velocities [rad/s]."""
+    """Return standard deviations of torques [N·m], from the errors of the steady angular velocities [rad/s]."""
     return torque / spin * 2 * SIGMA_RAD_S + 1e-3 * torque
 
 
 def resisted(columns: Callable[[float], Sequence[Array]], spin: Array, torque: Array) -> tuple[float, Array, float]:
-    """Chi-square, coefficients and edge of a resistance up to 10 rad/s, part of which sets in at an edge.
+    """Fit a resistance up to 10 rad/s, part of which sets in at an edge; returns chi-square, coefficients and edge.
 
     Args:
         columns: Basis functions of the torque, for an edge [rad/s].
@@ -106,7 +106,7 @@ def resisted(columns: Callable[[float], Sequence[Array]], spin: Array, torque: A
 
 
 def fitted(points: Sequence[tuple[float, float]], kind: str) -> tuple[float, tuple[float, ...]]:
-    """Chi-square and law of the best spring of a kind through stretches [m] and forces [N]."""
+    """Return chi-square and law of the best spring of a kind through elongations [m] and forces [N]."""
     u, force = np.array(points).T
     slope = np.gradient(force, u + 1e-7 * np.arange(len(u))) if len(u) > 2 else force / u
     size = np.maximum(slope, 0.3 * force / u) * SIGMA_M + 1e-3 * force
@@ -126,7 +126,7 @@ def fitted(points: Sequence[tuple[float, float]], kind: str) -> tuple[float, tup
 
 
 def best(points: Sequence[tuple[float, float]], alone: float) -> tuple[float, ...]:
-    """The best-fit law with a penalty per constant; for a single point, an even spring of the stiffness `alone`."""
+    """Return the best-fit law with a penalty per constant; for a single point, an even spring of stiffness `alone`."""
     if len(points) < 2:
         return (alone,)
     fits = [fitted(points, kind) for kind in KINDS]
@@ -136,13 +136,13 @@ def best(points: Sequence[tuple[float, float]], alone: float) -> tuple[float, ..
 def next_load(
     rows: Sequence[tuple[float, float]], goals: Sequence[float] = GOALS, near: float = 0.006, least: float = 5e-4
 ) -> tuple[float, float] | None:
-    """The next goal, and the force that reaches it by extrapolation of the last slope; None if all are reached.
+    """Return the next goal, and the force that reaches it by linear extrapolation; None if all are reached.
 
     Args:
-        rows: Stretches [m] and forces [N] so far; the first row is without load.
-        goals: Target stretches, ascending.
+        rows: Elongations [m] and forces [N] so far; the first row is without load.
+        goals: Target elongations, ascending.
         near: Distance below a goal within which it counts as reached.
-        least: Smallest difference of stretches for which a slope is computed.
+        least: Smallest difference of elongations for which a slope is computed.
     """
     (a, before), (u, now) = rows[-2:]
     goal = next((goal for goal in goals if goal > u + near), None)
@@ -152,7 +152,7 @@ def next_load(
 
 
 def stretch(force: Any, k: float, part: float = 0.0, edge: float | None = None) -> Any:
-    """Stretch [m] for a pull, or for an array of pulls [N]."""
+    """Return the elongation [m] for a pull, or for an array of pulls [N]."""
     if edge is not None:
         return force / k - part / k * np.maximum(force - k * edge, 0.0) / (k + part)
     u = force / k
@@ -163,7 +163,7 @@ def stretch(force: Any, k: float, part: float = 0.0, edge: float | None = None) 
 
 @dataclass(frozen=True, slots=True)
 class _Fit:
-    """A spring of one kind, fitted to stretches.
+    """A spring of one kind, fitted to elongations.
 
     Its constants are the logarithm of the stiffness; for a cubic spring also the share of the cubic term in the pull at
     `LAST_M`; for a late spring the logarithm of the ratio of the stiffnesses, and the edge.
@@ -180,19 +180,19 @@ class _Fit:
         return [(first - 1, first + 1), *_RANGES[self.kind]]
 
     def law(self, constants: Sequence[float] | Array) -> Law:
-        """The law of some constants."""
+        """Convert the constants to a law."""
         k, *more = float(np.exp(constants[0])), *map(float, constants[1:])
         if self.kind == "cubic":
             return k, k * more[0] / (1 - more[0]) / LAST_M**2
         return (k,) if self.kind == "even" else (k, k * float(np.exp(more[0])), more[1])
 
     def misfits(self, constants: Array) -> Array:
-        """Misfits of the stretches in standard deviations."""
+        """Return the misfits of the elongations in standard deviations."""
         u, force = np.array(self.points).T
         return (stretch(force, *self.law(constants)) - u) / self.sigma
 
     def best(self) -> list[float]:
-        """The constants that fit best."""
+        """Return the constants that fit best."""
         k, *more = fitted(self.points, self.kind)[1]
         start = [float(np.log(k)), *more]
         if self.kind == "cubic":
@@ -206,12 +206,12 @@ class _Fit:
 def members(
     springs: Sequence[Points], predict: Callable[[Sequence[Law]], AnswerValue], sigma: float
 ) -> dict[str, Member]:
-    """Springs of all kinds, fitted to the readings; by their kinds, such as `even, late`.
+    """Fit springs of all kinds to the readings; returns them by their kinds, such as `even, late`.
 
     Args:
-        springs: Stretches and forces of each spring.
+        springs: Elongations and forces of each spring.
         predict: The answer from the law of each.
-        sigma: Standard deviation of a stretch [m].
+        sigma: Standard deviation of an elongation [m].
     """
     fits = [[(fit := _Fit(kind, points, sigma), fit.best()) for kind in KINDS] for points in springs]
     found: dict[str, Member] = {}

@@ -1,4 +1,4 @@
-"""Load a body step by step, read it at rest, and fit the restoring forces. For reference protocols."""
+"""Loads a body step by step, reads it at rest, and fits the restoring forces. For reference protocols."""
 
 from collections.abc import Callable, Generator, Iterable, Sequence
 from dataclasses import dataclass
@@ -11,14 +11,14 @@ from scenes.courses import Array
 from scenes.protocol import Call, Exchanges, Reading, call
 
 _REST_S = 1.0
-"""After a longer step the body is assumed to be at rest; shorter steps observe its motion."""
+"""After a longer step the body is assumed to be at rest; shorter steps observe its motion [s]."""
 _STEP_M = 1e-5
 _WRONG = 1e4
 """Penalty of a negative stiffness, because springs and floats only push back."""
 _FEW, _MANY = 25, 60
-"""Largest numbers of steps: of a fit from each starting point, and of the final fit from the best of them."""
+"""Largest number of iterations of a fit from each starting point, and of the final fit from the best one."""
 _ALWAYS, _EACH = 3, 3
-"""Constants of what always holds a body, and of each part that bears later."""
+"""Number of constants of the permanent support, and of each part that engages later."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,41 +30,41 @@ class PushSteps:
     top_m: float
     """Height of the body at the start."""
     deepest: float
-    """Way down that it may go [m]."""
+    """Largest allowed deflection [m]."""
     enough: float
-    """Way that is enough [m]."""
+    """Deflection at which loading ends [m]."""
     fastest: float
-    """Speed that it may have [m/s]."""
+    """Largest allowed speed."""
     share: float
     """Share of this speed that the next step should reach."""
     room: float
-    """Last steps that are made one by one: those left to the deepest place."""
+    """Within this many steps of the largest deflection, one step is made at a time."""
     first_n: float
     """First step [N]."""
     most: int
-    """Most steps."""
+    """Largest number of steps."""
     singly: int
-    """Number of steps that are made one by one and watched; the others two at a time."""
+    """Number of steps that are made and observed one at a time; later ones are made two at a time."""
     look_s: float
-    """When the speed is read in a watched step [s]."""
+    """Time at which the speed is read in an observed step [s]."""
     wait_s: float
     """Time for the body to come to rest [s]."""
     least_m: float
-    """Smallest way of a step that counts, so that noise does not carry the next one too far [m]."""
+    """Smallest displacement of a step that counts, because noise would make the next step too large [m]."""
     least_m_s: float
     """Smallest speed that counts [m/s]."""
 
     def push(self, newtons: float) -> Call:
-        """Push the body down."""
+        """Return calls that push the body down."""
         return call("apply_force", object_id=self.bodies[0], force_vector=[0, 0, -float(f"{newtons:.5g}")])
 
     def rest(self) -> list[Call]:
-        """Read all places at rest."""
+        """Return calls that read all positions at rest."""
         reads = (call("get_position", object_id=body) for body in self.bodies)
         return [call("step", duration=self.wait_s), *reads]
 
     def pushed(self) -> Generator[list[Call], list[Reading], list[tuple[Call, Reading]]]:
-        """Increase the force until the displacement is large enough; the exchanges."""
+        """Increase the force until the displacement is large enough; returns the exchanges."""
         seen, force, more, number, way = list[tuple[Call, Reading]](), 0.0, self.first_n, 0, 0.0
         allowed, gained = np.inf, 0.0
         while number < self.most and way < self.enough:
@@ -85,7 +85,10 @@ class PushSteps:
         return seen
 
     def rows(self, exchanges: Exchanges) -> list[tuple[float, ...]]:
-        """Force [N], deflection and heights of the other bodies [m] at rest, until the body is below the limit."""
+        """Return force [N], deflection and heights of the other bodies [m] at each rest.
+
+        Ends before the first deflection beyond `deepest`.
+        """
         force, last, found, rows = 0.0, 0.0, list[float](), list[tuple[float, ...]]()
         for asked, reading in exchanges:
             if asked.tool == "apply_force":
@@ -105,7 +108,7 @@ class PushSteps:
 def fitted_strengths(
     columns: Callable[[Array], Array], places: Array, forces: Array, sigma: float, rounds: int
 ) -> tuple[float, Array]:
-    """Chi-square and strengths of restoring forces, with errors in the positions and exact forces.
+    """Fit strengths of restoring forces to positions with errors and exact forces; returns chi-square and strengths.
 
     Args:
         columns: Forces of unit strength at positions; shape (n,) to (n, strengths).
@@ -126,7 +129,7 @@ def fitted_strengths(
 
 
 def held_down(engine: Any, body: str, stiffness: float, asked_m: float, top_m: float) -> float:
-    """Force that holds a body at a distance below its start in the engine, without the device [N]."""
+    """Return the force that holds a body at a distance below its start in the engine, without the device [N]."""
     hand, goal, down = 100 * stiffness, asked_m, 0.0
     free = engine.changed({"joint[device_joint].damping": 1e9, f"joint[{body}_joint].stiffness": hand})
     while abs(down - asked_m) > 1e-6:
@@ -143,7 +146,7 @@ def fitted_from(
     bounds: tuple[Any, Any],
     sizes: Sequence[float],
 ) -> tuple[float, Array]:
-    """Chi-square and constants of least squares from several starting points; the best one is run to convergence.
+    """Run least squares from several starting points, the best one to convergence; returns chi-square and constants.
 
     Args:
         misfits: Misfits in standard deviations, from the constants.
@@ -166,14 +169,14 @@ class LateParts:
     """
 
     pressed: Callable[[Array, Array], Array]
-    """Deformation of a late support at each point, from its three constants and the points."""
+    """Computes the deformation of a late support at each point, from its three constants and the points."""
     least: float
-    """Deformation from which on the stiffness of a late support is determined [m, rad]."""
+    """Smallest deformation that determines the stiffness of a late support [m, rad]."""
     times: int
     """Number of points at which it must be reached."""
 
     def known(self, constants: Array, points: Array) -> Array:
-        """The constants without the stiffnesses of late supports that are still unknown."""
+        """Return the constants without the stiffnesses of late supports that are still unknown."""
         known = np.array(constants, dtype=float)
         for part in known[_ALWAYS:].reshape(-1, _EACH):
             if np.sum(self.pressed(part, points) > self.least) < self.times:
@@ -191,15 +194,15 @@ class LateParts:
         """Load the body according to the current fit; each round gives more weight to the fitted late supports.
 
         Args:
-        seen: Exchanges so far; those of the rounds are appended.
-        rounds: Weight of late supports, from 0 to 1, and target, for each round.
-        first: Constants of the permanent support.
-        calls: Calls for a target, from the structure, the known constants, the weight and the target; the structure
-            is empty in the first round.
-        fit: The best-fit structure, its constants, and the points, from all exchanges.
+            seen: Exchanges so far; those of the rounds are appended.
+            rounds: Weight of late supports, from 0 to 1, and target, for each round.
+            first: Constants of the permanent support.
+            calls: Calls for a target, from the structure, the known constants, the weight and the target; the structure
+                is empty in the first round.
+            fit: The best-fit structure, its constants, and the points, from all exchanges.
 
         Returns:
-        The final best-fit structure and its constants.
+            The final best-fit structure and its constants.
         """
         structure, constants, known = "", first, first
         for trust, aims in rounds:

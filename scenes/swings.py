@@ -1,4 +1,4 @@
-"""Drive a body to increasing swings without reaching a catch, and predict from them. For reference protocols.
+"""Drives a body to increasing swings without reaching a catch, and predicts from them. For reference protocols.
 
 A solution defines its controls and readings (`Rig`), its laws, a simplified law for planning, and an objective for
 planned paths. `Swing` increases a push until the body moves. Then it repeats: fit the simplified law to the course so
@@ -18,9 +18,9 @@ from scenes.protocol import Call, Protocol, answer
 from scenes.rigs import Rig
 
 SHARES = (-1.0, -0.5, -0.2, 0.0, 0.2, 0.5, 1.0)
-"""Sizes of planned pushes, as shares of the strongest."""
+"""Candidate sizes of planned pushes, as fractions of the strongest."""
 _LOST = 9.0
-"""Where a path that leaves all numbers is taken to be: beyond every reach."""
+"""Coordinate that replaces a non-finite one of a diverged path: beyond every reach."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,18 +35,18 @@ class LegFit:
     spread: float = 2.0
     """Factor of the standard deviations: the readings before a leg have errors, too."""
     pull: float = 1.0
-    """Weight of the pull to the middle of the ranges."""
+    """Weight of the regularisation towards the middle of the ranges."""
     starts: int = 400
-    """Number of points of the unit cube that are tried where nothing is known."""
+    """Number of points of the unit cube that are tried if no fit is known."""
     tried: int = 1
-    """How many of the best of them are refined."""
+    """Number of the best of these points that are refined."""
     rounds: int = 12
-    """Most steps of these refinements."""
+    """Largest number of iterations of these refinements."""
     again: int = 6
-    """Most steps of the last refinement, from the best of them or from what was known."""
+    """Largest number of iterations of the last refinement, from the best point or the known fit."""
 
     def unit(self, course: Course, structure: str, known: Array | None = None) -> Array:
-        """Constants as a point of the unit cube; `known` is such a point from a shorter course."""
+        """Return the fitted constants as a point of the unit cube; `known` is such a point from a shorter course."""
 
         def misfits(units: Array) -> Array:
             return self.laws.misfits(course, structure, units, by_legs=True, spread=self.spread, pull=self.pull)
@@ -59,7 +59,7 @@ class LegFit:
         return refined(misfits, known, self.again)
 
     def fitted(self, course: Course, structure: str) -> tuple[float, dict[str, float]]:
-        """Chi-square and constants of the best fit, also refined by `polished`."""
+        """Return chi-square and constants of the best fit, refined by `polished`."""
 
         def misfits(unit: Array) -> Array:
             units = np.asarray(unit)[:, None]
@@ -70,7 +70,7 @@ class LegFit:
         return float((misfits(unit) ** 2).sum()), {name: float(value) for name, value in constants.items()}
 
     def best(self, course: Course) -> tuple[str, dict[str, float]]:
-        """The structure with the best fit, penalised for each constant, and its constants."""
+        """Return the structure with the best fit, with a penalty for each constant, and its constants."""
         return self.laws.cheapest({name: self.fitted(course, name) for name in self.laws.structures})
 
 
@@ -79,26 +79,26 @@ class SwingPlan:
     """The state and the objective before the next legs."""
 
     knobs: Knobs
-    """Constants of the plain law."""
+    """Constants of the simplified law."""
     course: Course
     """The course so far."""
     span: float
     """Duration of a leg [s]."""
     reach: float
-    """How far the body may go."""
+    """Largest distance that the body may reach."""
     side: int
-    """1 or -1: the side on which a wide swing is wanted."""
+    """1 or -1: the side to which a wide swing is wanted."""
     look: float
-    """Time between the looks at a path [s]."""
+    """Time between the readings of a path [s]."""
 
 
 def to_and_fro(rng: np.random.Generator, legs: int, trials: int, shares: Sequence[float] = SHARES) -> Array:
-    """Pushes of one control for each leg and trial, relative to the strongest; shape (legs, 1, trials)."""
+    """Return random pushes of one control, relative to the strongest; shape (legs, 1, trials)."""
     return rng.choice(shares, (legs, trials))[:, None, :]
 
 
 def to_a_side(plan: SwingPlan, place: Array, far: float, more: Array) -> Array:
-    """Objective for paths with wide swings to one side, within the reach.
+    """Return the objective of planned paths with wide swings to one side, within the reach.
 
     Args:
         plan: State and objective.
@@ -119,52 +119,53 @@ def _coasts(_: Course) -> Sequence[tuple[float, float]]:
 
 @dataclass(frozen=True, slots=True)
 class Swing:
-    """How a solution drives the body, fits its laws and predicts."""
+    """Drives the body, fits its laws and predicts."""
 
     rig: Rig
     model: Predictor
-    """The last fit, to the whole course; the first entries of its readings are those of the state."""
+    """The final fit, to the whole course; the first entries of its readings are those of the state."""
     rough: LegFit
-    """The fit with which pushes are planned; its laws have a plain one."""
+    """The fit of the simplified law, with which pushes are planned."""
     touches: Sequence[float]
     """First values of the first control, until the body moves."""
     moved: Callable[[Array], bool]
-    """Whether a reading shows that the body moves."""
+    """Returns whether a reading shows that the body moves."""
     strongest: Callable[[SwingPlan], float]
     """Largest push of a plan, in the units of the control."""
     worth: Callable[[SwingPlan, Array], Array]
-    """Value of each planned path, from the states at its looks; shape (looks, states, trials) to (trials,)."""
+    """Returns the value of each planned path, from the states at its readings; shape (looks, states, trials) to
+    (trials,)."""
     span: Callable[[Knobs], float]
-    """Duration of a leg [s] from the constants of the plain law."""
+    """Returns the duration of a leg [s] from the constants of the simplified law."""
     reaches: Sequence[float]
     """Largest swing in each round; the last value holds for all further rounds."""
     wider: Callable[[Course], float]
-    """How far it may go at most, judged by the course so far: somewhat farther than it has been."""
+    """Returns the largest allowed swing from the course so far: somewhat more than the largest one reached."""
     time_s: float
-    """Time that all planned legs may take [s]."""
+    """Largest total duration of the planned legs [s]."""
     fixed_pushes: Sequence[Any]
     """Pushes of the fixed batch."""
     fixed_s: float
-    """Duration of each of them [s]."""
+    """Duration of each push of the fixed batch [s]."""
     touch_s: float = 0.2
     settled: Callable[[Course], Sequence[tuple[float, float]]] = _coasts
-    """Pushes and durations that follow the touches."""
+    """Pushes and durations after the touches."""
     pattern: Callable[[np.random.Generator, int, int], Array] = field(default=to_and_fro)
-    """Random pushes as shares of the strongest; (legs, trials) to shape (legs, controls, trials)."""
+    """Returns random pushes as fractions of the strongest; (legs, trials) to shape (legs, controls, trials)."""
     turns_every: int = 2
-    """Number of rounds after which the other side is wanted."""
+    """Number of rounds after which the wanted side changes."""
     rounds: int = 14
-    """Most rounds."""
+    """Largest number of rounds."""
     legs: int = 3
-    """Legs that are done in a round."""
+    """Number of legs that are executed in a round."""
     ahead: int = 5
-    """Legs that are planned in a round."""
+    """Number of legs that are planned in a round."""
     looks: int = 3
-    """Looks at the path in each planned leg."""
+    """Number of readings in each planned leg."""
     trials: int = 300
-    """Number of sequences that are tried."""
+    """Number of simulated sequences."""
     calls: int = 148
-    """Most calls before the answer."""
+    """Largest number of calls before the answer."""
 
     def solve(self, _: str) -> Protocol:
         """Increase a push until the body moves, then push as planned with the simplified law; fit every law."""
@@ -193,7 +194,7 @@ class Swing:
         yield [answer(self.model.best(seen))]
 
     def planned(self, plan: SwingPlan) -> Array:
-        """Pushes of the next legs: the best of many sequences by the objective; shape (legs, controls)."""
+        """Return the pushes of the next legs: the best of many sequences by the objective; shape (legs, controls)."""
         pushes = self.strongest(plan) * self.pattern(np.random.default_rng(2), self.ahead, self.trials)
         states, path = plan.course.readings[-1][:, None] + np.zeros(self.trials), list[Array]()
         for held in pushes:

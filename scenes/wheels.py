@@ -1,4 +1,4 @@
-"""Wheels that are driven or braked by loads on pans, and their resistance. For reference protocols.
+"""Fits the resistance of wheels that are driven or braked by loads on pans. For reference protocols.
 
 A pan carries one ball at a time. At each load the torques balance at a steady angular velocity. They are linear in the
 coefficients, except for the angular velocity at which a part of the resistance sets in (the edge).
@@ -19,11 +19,11 @@ from scenes.springs import next_load, resisted, spin_errors
 
 _DENSITY = 1e5
 _WAY_M = 0.1
-"""Distance along x between balls with even and with odd numbers."""
+"""Distance along x between balls with even numbers and balls with odd numbers."""
 _NEAR, _LEAST = 0.4, 1e-2
 """Tolerance below a target angular velocity; smallest difference of angular velocities for a slope [rad/s]."""
 _STEEPEST, _EVENEST = 80.0, 1.05
-"""Largest and smallest ratio of a load to the one before."""
+"""Largest and smallest ratio of a load to the previous one."""
 _ROOM = 3.0
 """Upper bound of a coefficient, as a multiple of the value at which its part alone gives the largest torque."""
 
@@ -34,26 +34,26 @@ class LoadedPan:
 
     body: str
     x_m: float
-    """Where it stands along x."""
+    """Position of the pan along x."""
     wheel: str = "object_1"
-    """The wheel whose spin is read."""
+    """The wheel whose angular velocity is read."""
     wait_s: float = 9.0
     """Time for the wheel to reach a steady angular velocity."""
     letter: str = "b"
     height_m: float = 1.0
 
     def put(self, number: int, kg: float) -> list[Call]:
-        """Replace the ball on the pan by ball `number`."""
+        """Return calls that replace the ball on the pan by ball `number`."""
         place = [self.x_m + _WAY_M * (number % 2), 0.0, self.height_m]
         old = [call("delete_objects", object_id=f"{self.letter}{number - 1}")] if number else []
         return [*joined(dense_ball(f"{self.letter}{number}", kg, place, _DENSITY), self.body), *old]
 
     def look(self, wait_s: float | None = None) -> list[Call]:
-        """Wait, and read the spin."""
+        """Return calls that wait and read the angular velocity."""
         return [call("step", duration=wait_s or self.wait_s), call("get_velocity", object_id=self.wheel)]
 
     def load(self, number: int, kg: float) -> list[Call]:
-        """Replace the ball on the pan by ball `number`, wait, and read the angular velocity."""
+        """Return calls that replace the ball on the pan by ball `number`, wait, and read the angular velocity."""
         return [*self.put(number, kg), *self.look()]
 
     def turned(
@@ -92,7 +92,7 @@ def resisted_member(
     predict: Callable[[Array, float], AnswerValue],
     edges: tuple[float, float],
 ) -> Member:
-    """A fitted law of resistance with nonnegative coefficients.
+    """Fit a law of resistance with nonnegative coefficients; returns it as a member of its family.
 
     Args:
         columns: Basis functions of the torque, for an edge [rad/s].
@@ -119,14 +119,14 @@ def resisted_member(
 
 
 def left_spin(engine: Any, body: str, wheel: str, torques: Sequence[float], asked: float, seconds: float) -> float:
-    """Relative error of a wheel's angular velocity in the engine, after a disturbed torque and then the asked one.
+    """Return the relative error of a wheel's angular velocity after a disturbed torque and then the right one.
 
     Args:
         engine: The engine without brakes.
         body: The body on which the torque acts.
         wheel: The body whose angular velocity is read.
-        torques: Torques, one after the other, such as a disturbed and the asked one [N·m].
-        asked: The asked angular velocity [rad/s].
+        torques: Torques, one after the other: for example a disturbed one, then that of the question [N·m].
+        asked: The angular velocity of the question [rad/s].
         seconds: Duration of each torque [s].
     """
     for torque in torques:

@@ -1,4 +1,4 @@
-"""Fit a potential to positions, speeds and the work of pushes on a body without friction. For reference protocols.
+"""Fits a potential to positions, speeds and the work of pushes on a body without friction. For reference protocols.
 
 The energy m v²/2 + V(x) of the body changes only by the work of the pushes. A push F that begins at x0 has done the
 work F (x - x0) at x. The error of x0 enters the work of all later points, so their errors are correlated.
@@ -17,19 +17,19 @@ from scenes.protocol import AnswerValue, Exchanges, Member
 from scenes.rigs import Rig
 
 _TRIALS = 100
-"""Draws for each plausible potential while a body is pumped; many plans are made, and each needs some."""
+"""Number of draws per plausible potential while a body is pumped. It is small because many plans are made."""
 
 
 @dataclass(frozen=True, slots=True)
 class Refit:
-    """The constants that fit the points best."""
+    """The result of a fit of the free constants to the points."""
 
     chi_square: float
     """Sum of the squared misfits, plus the logarithm of the determinant of the covariance of the points."""
     constants: Array
     """All constants, those that are not free included."""
     free: Sequence[int]
-    """Indices of the free ones."""
+    """Indices of the free constants."""
     misfits: Callable[[Array], Array]
     """Free constants → misfits of the points in standard deviations."""
     scale: Array
@@ -38,7 +38,7 @@ class Refit:
     """Upper bounds of the free constants; the lower ones are 0."""
 
     def plausible(self, number: int) -> Array:
-        """The constants, and draws of those that the points leave plausible; shape (constants, at most 1 + number)."""
+        """Return the constants, and draws that the points allow; shape (constants, at most 1 + number)."""
         which, ranges = list(self.free), (np.zeros(len(self.free)), self.highest)
         best = self.constants[which]
         chosen, _ = plausible_constants(self.misfits, best, ranges, self.scale, number, _TRIALS)
@@ -48,11 +48,11 @@ class Refit:
 
 
 def work_points(exchanges: Exchanges, rig: Rig, error: float, within: float) -> Array:
-    """Points of a motion until a latch holds the body.
+    """Return the points of a motion until a latch holds the body.
 
     Args:
         exchanges: Calls and results.
-        rig: A push, and the position and speed that are read.
+        rig: The push, and the readings of position and speed.
         error: Standard deviation of a position [m, rad].
         within: Distance beyond which a latch holds the body [m, rad].
 
@@ -79,7 +79,7 @@ def work_points(exchanges: Exchanges, rig: Rig, error: float, within: float) -> 
 
 
 def whitening(doubt: Array, alone: Array) -> Array:
-    """Whitening matrix: with it, the errors of all points are independent with variance 1.
+    """Return the whitening matrix, which makes the errors of all points independent with variance 1.
 
     Args:
         doubt: Variance of the accumulated work at each point; it is shared with all later points and never decreases.
@@ -90,13 +90,13 @@ def whitening(doubt: Array, alone: Array) -> Array:
 
 
 def guesses(guess: Array, free: Sequence[int], begins: Sequence[int], places: Sequence[float]) -> list[Array]:
-    """Initial values of all constants, one array for each place at which the free springs may begin to pull.
+    """Return initial values of all constants, one array for each position at which the free springs may engage.
 
     Args:
         guess: Typical values of all constants; those that are not free become 0.
         free: Indices of the free ones.
-        begins: Indices of the constants where a spring begins.
-        places: The places.
+        begins: Indices of the constants where a spring engages.
+        places: The positions.
     """
     found = list[Array]()
     for place in places:
@@ -157,7 +157,7 @@ def refitted(
 
 
 def cheapest(fits: Mapping[str, Refit], count: int) -> Refit:
-    """The best-fit structure, by chi-square plus the logarithm of the number of points per constant.
+    """Return the best-fit structure, by chi-square plus the logarithm of the number of points per constant.
 
     Args:
         fits: The fit of each structure.
@@ -173,7 +173,7 @@ def weighed(
     predict: Callable[[Array], AnswerValue],
     highest: Array,
 ) -> dict[str, Member]:
-    """The members of a family of potentials, fitted to the points with the same errors.
+    """Fit the members of a family of potentials to the points with the same errors.
 
     Args:
         fits: The last fit of each structure, which is the initial value.
@@ -202,7 +202,7 @@ def weighed(
 
 
 def parts_of_way(speed_at: Callable[[Array], Array], start: float, end: float, count: int = 400) -> tuple[Array, Array]:
-    """Durations of the parts of a path between two positions, and the positions.
+    """Divide a path between two positions into parts; returns their durations and positions.
 
     The substitution x = (start + end)/2 - (end - start)/2 cos(u) removes the singularity where the speed is 0.
 

@@ -20,7 +20,7 @@ def is_world(scene_id: int) -> bool:
 
 
 def place_of(scene_id: int) -> tuple[int, int]:
-    """Level and index of the world of a scene id."""
+    """Return level and index of the world with a scene id."""
     return divmod(scene_id - FIRST_ID, LEVEL_IDS)
 
 
@@ -30,7 +30,7 @@ def reference_of(scene_id: int) -> str:
 
 
 def parse_worlds(text: str) -> tuple[range, range | None]:
-    """Levels and indexes that a reference names, such as `world:5:17` or `world:1-8:0-9`; None for all indexes.
+    """Parse a reference such as `world:5:17` or `world:1-8:0-9`; returns its levels and indexes, None for all indexes.
 
     Raises:
         WorldError: It is malformed.
@@ -48,7 +48,7 @@ def parse_worlds(text: str) -> tuple[range, range | None]:
 
 
 def one_world(text: str) -> int:
-    """The scene id of a reference to a single world.
+    """Return the scene id of a reference to a single world.
 
     Raises:
         WorldError: It is malformed, or names several.

@@ -1,7 +1,6 @@
 """Monitors the catches of a scene (latches, stops) under load: whether they hold and readings stay consistent.
 
-A catch is a part of the apparatus that limits or stops a motion. (_WINDOW, _DISAGREEMENT, _FLOOR): | Number of samples
-over which displacement and speed are compared; allowed relative and absolute error [m or rad].
+A catch is a part of the apparatus that limits or stops a motion.
 """
 
 import re
@@ -20,7 +19,7 @@ from scenes import Catch, Pack
 from scenes.draw import evaluate
 
 _WINDOW, _DISAGREEMENT, _FLOOR = 40, 0.5, 2e-3
-"""Number of samples over which displacement and speeds are compared; allowed relative and absolute [m or rad] error."""
+"""Number of samples over which displacement and speed are compared; allowed relative and absolute error [m or rad]."""
 _JUMPS = 2
 """Allowed number of sudden changes of speed in a window; their times between two samples are unknown."""
 _PLACE, _MOTION, _HINGE = ("x", "y", "z"), ("vx", "vy", "vz", "wx", "wy", "wz"), ("angle", "spin")

@@ -14,14 +14,12 @@ from scenes.family import EXCLUDED_SIGMAS, reduced_chi_square, surviving
 from scenes.protocol import Member, Solution
 
 _PLAUSIBLE, _AGREEING_SHARE = 40, 0.95
-"""Number of answers computed from plausible constants, and the share of them that must agree with the key."""
+"""Number of answers computed from constants that fit the readings, and the share of them that must agree with
+the key."""
 _LARGEST_MISFIT = 4.0
-"""Reduced chi-square of the drawn law above which the stated errors are too small: misfits of twice their size. (_OFF,
-_LEFT, _SHIFT): | Disturbance of the equilibrium, largest share of it that may remain, and tolerated offset of the
-equilibrium.
-"""
+"""Reduced chi-square of the drawn law above which the stated errors are too small: misfits of twice their size."""
 _OFF, _LEFT, _SHIFT = 0.02, 0.25, 0.005
-"""Disturbance of the asked state, largest share of it that may remain, and tolerated offset of the state itself."""
+"""Disturbance of the equilibrium, largest share of it that may remain, and tolerated offset of the equilibrium."""
 _STATED = re.compile(r"\b(?:one|two|three|some) of: [^.:;]+;")
 """Matches the statement of a family in a task: "one of: first law; second law; or third law", "at most two of: …"."""
 _EQUILIBRIUM = re.compile(

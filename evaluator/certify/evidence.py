@@ -40,8 +40,8 @@ PRIOR = 12.0
 _SHIFTS = (1e-4, 2e-2)
 """Finite-difference steps, as shares of a constant's range; the second is for readings that are rough at the first."""
 _ROUGH, _TOLD = 0.25, 1.0
-"""Relative difference of the one-sided derivatives above which a reading is rough, and smallest relevant effect: the
-change of the reading over the constant's whole range, in standard deviations."""
+"""Relative difference of the one-sided derivatives above which a reading is rough, and the smallest relevant effect:
+the change of the reading over the constant's whole range, in standard deviations."""
 _FLOOR = 1e-6
 """Assumed relative standard deviation of readings at full precision."""
 _APART = 6.0

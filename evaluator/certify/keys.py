@@ -18,7 +18,7 @@ from scenes.draw import step_values
 HALVED_SEEDS = 3
 """Number of seeds on which the time step is halved."""
 THEORY_DRAWS, ENGINE_DRAWS = 200, 30
-"""Number of draws on which constant answers are tested, with a closed-form key and with a key from an engine run."""
+"""Number of seeds on which constant answers are tested, with a closed-form key and with a key from an engine run."""
 
 
 def check_key(subject: Subject, episodes: Sequence[Episode]) -> Check:

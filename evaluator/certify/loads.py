@@ -31,11 +31,9 @@ BALL = "created:load"
 _DENSITY = 20000.0
 """Density of balls [kg/m³], so that they are small."""
 _PARTS = (0.6, 0.1, 0.02)
-"""Masses of balls, as shares of the total mass that an agent may create. (_DROP_M, _TRIES): | Height from which a ball
-is dropped [m]; number of attempts, each slightly higher, if a body is in the way.
-"""
+"""Masses of balls, as shares of the total mass that an agent may create."""
 _DROP_M, _TRIES = 3.0, 12
-"""Height from which a ball is dropped [m], and number of attempts, each slightly higher, if there is no room."""
+"""Height from which a ball is dropped [m]; number of attempts, each slightly higher, if a body is in the way."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -105,8 +105,7 @@ class Turn(Record):
     reasoning: str
     thought_chars: int = 0
     """Number of characters at the start of `reasoning` that are the model's reasoning as the provider shows it, and not
-    part of the reply.
-    """
+    part of the reply."""
     exchanges: tuple[Exchange, ...] = ()
     note: str = ""
     """A message of the episode loop to the agent: malformed reply, call that fits no schema, or no call at all."""
@@ -165,8 +164,7 @@ class Episode(Record):
     """Reason for an early end, for the two error outcomes."""
     unsealed: str | None = None
     """Why the agent could have had other information than its measurements, such as the answers; null if it
-    could not.
-    """
+    could not."""
     attempts: int = 1
     """Number of times that the episode was opened, this one included."""
     max_calls: int | None = None
@@ -215,8 +213,7 @@ class Grade(Record):
     reason: str
     steps: dict[str, bool] | None = Field(default=None, exclude_if=is_absent)
     """Intermediate quantity → whether the agent stated it correctly with the answer; absent if the scene names none.
-    Not part of the verdicts.
-    """
+    Not part of the verdicts."""
 
 
 class GradeRecord(Record):

@@ -13,8 +13,7 @@ DECIDING = ("plan", "worlds", "packs", "agents", "forked_from")
 
 SEED_SHIFT = 1_000_000
 """Offset added to the seeds of each further repetition of an agent in `Plan.own_seeds`. It is larger than every seed of
-a split, so a repetition never uses the seeds of another split.
-"""
+a split, so a repetition never uses the seeds of another split."""
 
 
 def _is_text(observations: object) -> bool:
@@ -42,14 +41,12 @@ class Plan(OpenRecord):
     """`rgb` if results carry images; absent for text only."""
     own_seeds: tuple[str, ...] = Field(default=(), exclude_if=is_absent)
     """External programs, which get other seeds at each repetition because they may remember earlier episodes. Absent if
-    there are none.
-    """
+    there are none."""
     split: str = Field(default="", exclude_if=is_absent)
     """Name and version of the split of scenes and seeds, such as `test@1`; absent if none was named."""
     held_back: str = Field(default="", exclude_if=is_absent)
     """Commitment to the key of held-back seeds. `seeds` are then numbers of variants, from which only the key derives
-    the real seeds. Absent if `seeds` are the real seeds.
-    """
+    the real seeds. Absent if `seeds` are the real seeds."""
 
     def matrix(self) -> list[EpisodeKey]:
         """Return all episodes in playing order: a run that is stopped early has complete epochs and budgets."""

@@ -43,8 +43,7 @@ class GroupSummary(Record):
     """Number of episodes with a verdict. All fields below except `outcomes` are computed from these alone."""
     n_scenes: int
     """Number of scenes of the scored episodes. If a scene has several episodes, scenes are the sampling units of
-    intervals.
-    """
+    intervals."""
     n_correct: int
     """Number of strictly correct episodes."""
     n_withdrawn: int = 0
@@ -140,8 +139,7 @@ class RunSummary(Record):
 
     format: Literal[2, 3] = 3
     """Version of this record. New fields do not change it; no field is changed or removed within a version. Version 2
-    is still read; its dimensions were means over the episodes that define them.
-    """
+    is still read; its dimensions were means over the episodes that define them."""
     scoring_version: int = 1
     """Version of the scoring rules; absent in format 2, where it is 1."""
     overall: GroupSummary
@@ -163,8 +161,7 @@ class RunSummary(Record):
     by_agent: dict[str, GroupSummary]
     budget_curves: tuple[ConditionCurve, ...]
     """One curve for each agent, prompting and protocol that was played at several budgets, on the episodes scored at
-    all of them.
-    """
+    all of them."""
     attempts: tuple[ConditionAttempts, ...]
     """One entry for each condition under which every scene was played more than once."""
     errata: tuple[AppliedErratum, ...] = ()

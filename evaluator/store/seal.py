@@ -27,8 +27,7 @@ class Seal(Record):
     """SHA-256 of the previous head and the last line, in hexadecimal digits."""
     found: int = Field(default=0, exclude_if=is_absent)
     """Number of lines that no seal covered when a killed run was resumed; they were added to the chain unverified.
-    Absent if there were none.
-    """
+    Absent if there were none."""
     edited: tuple[str, ...] = Field(default=(), exclude_if=is_absent)
     """Why records were accepted that did not match an earlier seal; absent if all matched."""
 

@@ -19,9 +19,7 @@ _KEEP_ALIVE_S = 60
 _CONNECTIONS_EACH = 8
 """Largest number of connections per episode (kind `half-open connections`); a client uses two or three."""
 _MORE_CONNECTIONS = 100
-"""Allowed connections in addition to these. (_M_MMAP_THRESHOLD, _LARGE): | The parameter of glibc's `mallopt`, and the
-size of a block from which it is allocated by mmap [bytes].
-"""
+"""Allowed connections in addition to these."""
 _ACCEPTED_AT_ONCE = 8
 """Connections accepted in one iteration of the event loop (kinds `200 requests at once`, `200 wrong URLs at once`)."""
 _BACKLOG = 1024
@@ -31,7 +29,7 @@ _GC_THRESHOLDS = (2_000, 5, 50)
 """GC thresholds: generation 0 after 2,000 allocations (1 to 2 ms), generation 1 after 5 collections of generation 0
 (5 ms), generation 2 after 50 of generation 1 (kinds `slow readers`, `steps of 60 s broken off`)."""
 _M_MMAP_THRESHOLD, _LARGE = -3, 128 * 1024
-"""The parameter of glibc's `mallopt`, and the size from which memory is a mapping of its own [bytes]."""
+"""The parameter of glibc's `mallopt`, and the size of a block from which it is allocated by mmap [bytes]."""
 
 
 def listen(address: str, port: int) -> socket.socket:

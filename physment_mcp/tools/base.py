@@ -91,8 +91,7 @@ class Tool(Generic[A]):
     result: type[Result]
     run: Callable[[Session, A], Result | Pieces]
     """The function of the tool. It returns pieces if it may take noticeable wall time. The caller rolls back a
-    failure.
-    """
+    failure."""
     reads_only: bool = False
     destructive: bool = False
     idempotent: bool = False

@@ -20,8 +20,7 @@ from physment_mcp.tools.results import Result
 
 ReportProgress = Callable[[float, float], Awaitable[float | None]]
 """Callback with the work done and the total; returns the time that the next piece may take [s], None for the
-usual one.
-"""
+usual one."""
 
 _SHORT_S = 1e-3
 """Pieces with a shorter expected time [s] run without a thread, whose start takes up to 0.3 ms."""

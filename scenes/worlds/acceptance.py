@@ -34,9 +34,9 @@ Flags = NDArray[np.bool_]
 FORCE = 5.0
 """Largest force [N] or torque [N·m], the same in every world, so that the limit does not reveal the mass."""
 ASKED = 3
-"""Questions of a world."""
+"""Number of questions of a world."""
 MATTERS = 3.0
-"""Smallest change of an answer without a part, in tolerances."""
+"""Smallest change of an answer when a part is removed, in tolerances."""
 IDENTIFIABLE = 0.35
 """Largest allowed standard error of an answer, in tolerances."""
 _LEAST_LOOKS, _MOST_NOISE = 12, 0.05
@@ -44,14 +44,14 @@ _QUICK_S, _FINE_S = 0.12, 0.01
 """Longest steps of the integration of candidates and of keys [s]."""
 _REDRAWN = 8
 _SENSITIVE = 1.0
-"""Greatest distance of two integrations of the course, in standard deviations of the readings."""
+"""Largest distance of two integrations of the course, in standard deviations of the readings."""
 _REFIT_SEED, _SOLVE_SEED = 1, 2
-"""Seeds of the noise of the readings to which other structures are fitted, and of those that are solved."""
+"""Noise seeds of the readings to which other structures are fitted, and of the readings that the reference solves."""
 _BESIDE = 0.05
-"""How far beside the constants the fit that solves begins, as a share of their ranges."""
+"""Initial offset of the reference's fit from the drawn constants, as a share of their ranges."""
 _SHIFT = 1e-4
 _SHARPER_LOOKS, _SHARPER_NOISE = 1.4, 1.7
-"""By how much looks and noise change when readings do not exclude a rival."""
+"""Factors of the number of readings and of the noise if the readings do not exclude a rival."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,7 +68,7 @@ class DrawnWorld:
 
 
 class Refused(Exception):
-    """A draw failed a certificate; the message names it."""
+    """A draw failed a certificate; the message names the certificate."""
 
 
 @dataclass(slots=True)
@@ -78,12 +78,12 @@ class Maker:
     difficulty: Difficulty
     rng: random.Random
     split: str | None = None
-    """Split of its structure; None for any."""
+    """Required split of the world's structure; None for any."""
     refusals: Counter[str] = field(default_factory=Counter[str])
     """Number of refused draws by reason."""
 
     def world(self, most: int = 400) -> DrawnWorld:
-        """The first accepted draw.
+        """Return the first accepted draw.
 
         Raises:
             WorldError: No draw was accepted within the limit of attempts.
@@ -143,7 +143,7 @@ class Maker:
 
 
 def _is_of(name: str, mark: str) -> bool:
-    """Whether a constant is one of the part with a mark: the place of its term, and the number of its modulation."""
+    """Return whether a constant belongs to the part with a mark: the index of its term and that of its modulation."""
     return name.endswith(mark) and name.removesuffix(mark).isalpha()
 
 
@@ -158,13 +158,13 @@ def _sane(key: Array) -> Flags:
 def _less(
     structure: Structure, constants: Mapping[str, float], part: tuple[int, int | None]
 ) -> tuple[Structure, dict[str, float]]:
-    """The structure without a part, and the remaining constants by their new names."""
+    """Return the structure without a part, and the remaining constants by their new names."""
     fewer, renamed = structure.without(*part)
     return fewer, {new: value for name, value in constants.items() if (new := renamed(name)) is not None}
 
 
 def _matters(structure: Structure, constants: Mapping[str, float], asked: Sequence[Question], key: Array) -> Flags:
-    """Whether each part changes the answer to each question, before any fit."""
+    """Return for each part and question whether the part changes the answer, before any fit."""
     rows: list[Flags] = []
     for part in structure.parts:
         fewer, rest = _less(structure, constants, part)
@@ -174,7 +174,7 @@ def _matters(structure: Structure, constants: Mapping[str, float], asked: Sequen
 
 
 def _refuse_wild(structure: Structure, constants: Mapping[str, float], told: Situation) -> None:
-    """Refuse a course that leaves the floor or is sensitive to small errors, because no fit of it would converge."""
+    """Refuse a course that leaves the floor or is sensitive to small errors, because its fit would not converge."""
     course = simulated(structure, constants, told, None)
     if not np.isfinite(course.readings).all():
         raise Refused("thrown out")
@@ -205,13 +205,13 @@ class _Information:
         self._tolerance = tolerance(found[:, 0])
 
     def spread(self, looks: int) -> Array:
-        """Smallest standard error of each answer after a number of readings, in tolerances."""
+        """Return the smallest standard error of each answer after a number of readings, in tolerances."""
         rows = np.vstack([self._slope[: looks * len(self._told.sigma)], self._prior])
         variance = np.einsum("qi,ij,qj->q", self._gradient, np.linalg.inv(rows.T @ rows), self._gradient)
         return _finite(np.sqrt(np.abs(variance)) / self._tolerance)
 
     def tightened(self, bound: float, chosen: Sequence[int]) -> Situation:
-        """The situation with the fewest readings, and then the most noise, that still determines the answers."""
+        """Return the situation with the fewest readings, and then the most noise, that determines the answers."""
         told = self._told
         looks = next(
             (count for count in range(_LEAST_LOOKS, told.looks, 4) if self.spread(count)[chosen].max() <= bound),
@@ -224,12 +224,12 @@ class _Information:
 
 
 def _finite(found: Array) -> Array:
-    """The numbers, with NaN replaced by a very large one."""
+    """Replace NaN by a very large number."""
     return np.where(np.isfinite(found), found, 1e9)
 
 
 def _chosen(asked: Sequence[Question], matter: Flags, spread: Array) -> list[int]:
-    """Indices of the selected questions: each part affects at least one, and their kinds differ where possible."""
+    """Return the indices of the selected questions: each part affects at least one, and kinds differ if possible."""
     chosen: list[int] = []
     able = [bool(column.any()) for column in matter.T]
     while len(chosen) < ASKED:
@@ -245,7 +245,7 @@ def _chosen(asked: Sequence[Question], matter: Flags, spread: Array) -> list[int
 
 
 def _refuse_guessable(world: DrawnWorld, rng: random.Random) -> None:
-    """Refuse a world with two answers that need no experiment, or follow from the nearest allowed situation."""
+    """Refuse a world with two answers that need no experiment, or equal those of the nearest allowed situation."""
     structure, constants, asked = world.structure, world.constants, world.questions
     key = np.array(world.key)
     numbers = np.array([not question.options for question in asked])  # another draw has the same terms
@@ -259,10 +259,10 @@ def _refuse_guessable(world: DrawnWorld, rng: random.Random) -> None:
 
 
 def _determined(world: DrawnWorld, refits: Refits, difficulty: Difficulty) -> tuple[DrawnWorld, Refits]:
-    """The world with as many more looks, and as much less noise, as its readings need to exclude rivals; its readings.
+    """Increase readings and reduce noise until the readings exclude rivals; returns the world and its readings.
 
     Raises:
-        Refused: A rival fits with all looks and the least noise of the difficulty.
+        Refused: A rival fits even with the most readings and the least noise of the difficulty.
     """
     structure, constants, told, key = world.structure, world.constants, world.told, np.array(world.key)
     while rival_of(refits, world.questions, key):
@@ -297,7 +297,7 @@ def _refuse_mistakable(world: DrawnWorld, refits: Refits, rng: random.Random) ->
 
 
 def _refuse_unsolved(world: DrawnWorld, rng: random.Random) -> None:
-    """Refuse a world that the reference with the true structure cannot solve from other readings."""
+    """Refuse a world that the reference with the known structure cannot solve from other readings."""
     structure, key = world.structure, np.array(world.key)
     course = simulated(structure, world.constants, world.told, _SOLVE_SEED)
     unit = units_of(structure, world.constants)
@@ -312,6 +312,6 @@ def _refuse_unsolved(world: DrawnWorld, rng: random.Random) -> None:
 def bounds_of(
     structure: Structure, constants: Mapping[str, float], told: Situation, questions: Sequence[Question]
 ) -> tuple[float, ...]:
-    """Smallest standard error of each answer from the certificate's readings, in tolerances."""
+    """Return the smallest standard error of each answer from the certificate's readings, in tolerances."""
     with np.errstate(all="ignore"):
         return _numbers(_Information(structure, constants, told, questions).spread(told.looks))

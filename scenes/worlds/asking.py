@@ -14,19 +14,19 @@ from scenes.worlds.questions import Question, answers
 from scenes.worlds.terms import Structure
 
 LATEST_S = 10.0
-"""How much later than the laboratory's time a late question begins [s]."""
+"""Largest delay of a late question after the end of the laboratory time [s]."""
 OPTIONS = 4
-"""Options of a `which` question."""
+"""Number of options of a `which` question."""
 _CANDIDATES, _KINDS = 60, 3
-"""Questions that are drawn, and of how many kinds."""
+"""Number of drawn questions, and of their kinds."""
 _MOST = {"which": 1, "push": 4}
-"""Most candidates of a kind: one option is asked for, and forces that are sought take the most time."""
+"""Largest number of candidates of some kinds: `which` questions have one form, and `push` questions take most time."""
 _FLAT = ("dx", "dy", "vx", "vy", "speed")
 _LINE = ("dq", "u")
 _WEAKEST, _STRONGEST = 1.05, 1.4
-"""Least force of a `push` question as a multiple of the limit; the greatest one as a multiple of the usual one."""
+"""Smallest force of a `push` question as a multiple of the limit, and largest one as a multiple of the usual force."""
 _LEAST_SIZE = 0.5
-"""Least way of a `push` question [m, rad]."""
+"""Smallest distance of a `push` question [m, rad]."""
 
 
 def drawn(
@@ -36,11 +36,11 @@ def drawn(
     difficulty: Difficulty,
     rng: random.Random,
 ) -> list[Question]:
-    """Candidates of some kinds that a difficulty allows and the apparatus knows.
+    """Draw candidate questions of kinds that the difficulty allows and the apparatus supports.
 
     Args:
-        structure: Which terms act.
-        constants: Their constants, which make the target of a `push` question reachable.
+        structure: The terms of the law.
+        constants: Their constants, which ensure that the target of a `push` question is reachable.
         told: The laboratory.
         difficulty: Names the kinds.
         rng: The random stream.
@@ -100,7 +100,7 @@ def _push(
     difficulty: Difficulty,
     rng: random.Random,
 ) -> Question:
-    """A question for a force, drawn so that the answer exceeds the limit."""
+    """Draw a question for a force whose answer exceeds the limit."""
     situation = _question(structure, told, difficulty, "strong", rng)
     width = 2 if told.apparatus.flat else 1
     way = [0.0] * len(situation.push)
@@ -113,7 +113,7 @@ def _push(
 
 
 def _reached(structure: Structure, constants: Mapping[str, float], asked: Question, force: float) -> float:
-    """Distance that a force moves the body of a `push` question."""
+    """Return the distance by which a force moves the body of a `push` question."""
     axis = next(axis for axis, part in enumerate(asked.push) if part)
     what = ("dx", "dy")[axis] if structure.apparatus.flat else "dq"
     held = replace(asked, what=what, push=tuple(force * part for part in asked.push))
@@ -130,7 +130,7 @@ def _which(structure: Structure, rng: random.Random) -> Question:
 def nearby(
     structure: Structure, constants: Mapping[str, float], asked: Sequence[Question], told: Situation
 ) -> dict[str, Array]:
-    """Answers measured in the nearest allowed situation, plain and scaled in proportion.
+    """Return the answers in the nearest allowed situation, as measured and scaled proportionally.
 
     NaN for a `which` question, which no single situation answers.
     """
@@ -151,7 +151,7 @@ def nearby(
 
 
 def _staged(asked: Question, told: Situation) -> Question:
-    """The nearest situation that the laboratory allows."""
+    """Return the nearest situation that the laboratory allows."""
     strength, far = float(np.linalg.norm(asked.push)), float(np.linalg.norm(asked.place))
     push = tuple(part * min(1.0, told.force / max(strength, 1e-9)) for part in asked.push)
     place = tuple(part * min(1.0, told.radius / max(far, 1e-9)) for part in asked.place)

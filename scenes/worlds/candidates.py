@@ -20,13 +20,13 @@ from scenes.worlds.terms import Structure, Term
 from scenes.worlds.weak_form import Whitened, named, to_unit, to_value
 
 PART = 7.0
-"""Decrease of chi-square that a form or a modulation needs beyond the penalty of its constants, as there are many."""
+"""Decrease of chi-square that a form or modulation needs beyond the penalty of its constants, as many are tested."""
 _CONSTANT = 4.0
-"""The price of a constant in the score test."""
+"""Penalty of a constant in the score test."""
 _SAMPLES = (40, 160)
-"""Number of samples of a term's constants: per constant except its magnitude, and at most."""
+"""Number of samples of a term's constants: for each constant except its magnitude, and in total at most."""
 _MODULATIONS = 2
-"""Most modulations of a term."""
+"""Largest number of modulations of a term."""
 _TINY = 1e-9
 
 
@@ -36,17 +36,17 @@ class Fit:
 
     structure: Structure
     unit: Array
-    """Its constants, as a point of the unit cube."""
+    """The constants, as a point of the unit cube."""
     chi_square: float
     """Sum of the squared misfits."""
     score: float
-    """Minus twice the logarithm of its evidence, but for a constant."""
+    """Minus twice the logarithm of the evidence, up to a constant."""
     misfits: Array
     slope: Array
     """Derivatives of the misfits by the constants."""
 
     def parts(self) -> list[tuple[Term, Array]]:
-        """The terms with the points of their constants."""
+        """Return the terms with the points of their constants."""
         found: list[tuple[Term, Array]] = []
         at = self.structure.bodies
         for term in self.structure.terms:
@@ -62,7 +62,7 @@ class Fit:
 
 
 def score_of(structure: Structure, misfits: Array, slope: Array) -> float:
-    """Minus twice the log evidence of a structure (Laplace approximation), up to a constant."""
+    """Return minus twice the log evidence of a structure (Laplace approximation), up to a constant."""
     count = sum(1 + len(term.modulations) for term in structure.terms)
     return float(misfits @ misfits + np.linalg.slogdet(slope.T @ slope / (2 * math.pi))[1]) + PART * count
 
@@ -75,7 +75,7 @@ class _Library:
     units: list[Array]
     """Sampled constants of each term; a column for each sample."""
     entry: NDArray[np.int_]
-    """To which entry each column belongs."""
+    """Index of the entry to which each column belongs."""
     sample: NDArray[np.int_]
     columns: Array
     """Whitened changes of the ends of the legs, for a size of 1."""
@@ -99,13 +99,13 @@ class Candidates:
     _kept: dict[str, _Library] = field(default_factory=dict[str, _Library])
 
     def more(self, node: Fit, barred: frozenset[str], most: int) -> list[tuple[Structure, Array]]:
-        """The structures with an additional term or modulation with the highest scores."""
+        """Return the structures with one more term or modulation that have the highest scores."""
         offers = [*self._terms(node, barred), *self._modulations(node, barred)]
         offers.sort(key=lambda offer: -offer[0])
         return [(structure, unit) for _, structure, unit in offers[:most]]
 
     def _terms(self, node: Fit, barred: frozenset[str]) -> Iterator[tuple[float, Structure, Array]]:
-        """Terms to add, with their scores."""
+        """Return terms to add, with their scores."""
         library, parts = self._columns(node), node.parts()
         gains, sizes = self._gains(node, library.columns, library)
         used = {name for term in node.structure.terms for name in term.modulations}
@@ -126,7 +126,7 @@ class Candidates:
             yield float(gains[at]) - price, *changed(node, [*parts, (term, unit)])
 
     def _modulations(self, node: Fit, barred: frozenset[str]) -> Iterator[tuple[float, Structure, Array]]:
-        """Modulations to add to a term, with their scores."""
+        """Return modulations to add to a term, with their scores."""
         parts = node.parts()
         used = {name for term, _ in parts for name in term.modulations}
         constants = named(node.structure, node.unit[:, None])
@@ -150,7 +150,7 @@ class Candidates:
                 yield float(gains[best]) - price, *changed(node, [*rest, (more, units[:, best])])
 
     def _gains(self, node: Fit, columns: Array, library: _Library | None) -> tuple[Array, Array]:
-        """Decrease of chi-square by each column in a fit with all constants of a law, and its coefficient."""
+        """Return each column's coefficient and decrease of chi-square in a fit with all constants of a law."""
         rows = len(columns)
         basis = np.linalg.qr(node.slope[:rows])[0]
         left = node.misfits[:rows] - basis @ (basis.T @ node.misfits[:rows])
@@ -164,7 +164,7 @@ class Candidates:
         return 2 * sizes * along - sizes**2 * length, sizes
 
     def _columns(self, node: Fit) -> _Library:
-        """The library, computed on first use with the masses of that law."""
+        """Return the library, which is computed at the first use with the masses of that law."""
         if "library" in self._kept:
             return self._kept["library"]
         constants = named(node.structure, node.unit[:, None])
@@ -207,19 +207,19 @@ class Candidates:
 
 
 def changed(node: Fit, parts: Sequence[tuple[Term, Array]]) -> tuple[Structure, Array]:
-    """A structure with the masses of a fit and these terms, and its point of the unit cube."""
+    """Return a structure with the masses of a fit and these terms, and its point of the unit cube."""
     parts = sorted(parts, key=lambda part: part[0])
     structure = Structure(node.structure.apparatus, tuple(term for term, _ in parts), node.structure.radius)
     return structure, np.concatenate([node.masses, *(unit for _, unit in parts)])
 
 
 def _values(term: Term, units: Array) -> dict[str, Any]:
-    """The constants of a term at points of the unit cube."""
+    """Convert points of the unit cube to the constants of a term."""
     return {name: to_value(bounds, unit) for (name, bounds), unit in zip(term.ranges(0).items(), units, strict=True)}
 
 
 def plainer(term: Term, unit: Array, gone: int) -> tuple[Term, Array]:
-    """A term without a modulation."""
+    """Return a term without one of its modulations."""
     names = list(term.ranges(0))
     kept = [at for at, name in enumerate(names) if not name.endswith(f"0m{gone}")]
     return Term(term.form, (*term.modulations[:gone], *term.modulations[gone + 1 :])), unit[kept]
@@ -238,7 +238,7 @@ def _with_modulation(term: Term, unit: Array, name: str, fresh: Array) -> Array:
 
 
 def _linear(form: Form) -> bool:
-    """Whether the force is proportional to the first constant."""
+    """Return whether the force is proportional to the first constant."""
     return not next(iter(form.constants)).startswith("q")
 
 
@@ -255,7 +255,7 @@ def _limits(form: Form) -> tuple[float, float]:
 
 
 def _sampled(bounds: Range, count: int, rng: np.random.Generator) -> Array:
-    """Points of the parameter box that cover the range from which the constant is drawn."""
+    """Return points of the search box that cover the range from which the constant is drawn."""
     share, sign = rng.random(count), np.where(rng.random(count) < 0.5, -1.0, 1.0)
     low, high = bounds.low, bounds.high
     match bounds.scale:

@@ -15,18 +15,18 @@ from scenes.worlds.refits import WORSE, Refits, constants_of
 from scenes.worlds.terms import Structure, Term
 
 _NEAR = 3.0
-"""Mean square of the misfits of legs up to which the whole course is fitted, as a multiple of `WORSE`."""
+"""Largest mean square of the legs' misfits for which the whole course is fitted, as a multiple of `WORSE`."""
 _STARTS, _ROUNDS = 2, 8
 
 
 def mistakable(refits: Refits, constants: Mapping[str, float], asked: Question, rng: random.Random) -> bool:
-    """Whether a fit with a wrong option in place of the true one explains the readings of a course.
+    """Return whether a fit with a wrong option in place of the true one explains the readings of a course.
 
     Args:
         refits: The readings of the drawn world.
         constants: Its constants.
         asked: The question with the options.
-        rng: Draws the constants from which fits begin.
+        rng: Draws the initial constants of the fits.
     """
     structure = refits.drawn.structure
     at = next(at for at, term in enumerate(structure.terms) if term.form in asked.options)
@@ -44,7 +44,7 @@ def mistakable(refits: Refits, constants: Mapping[str, float], asked: Question, 
 
 
 def _of_course(refits: Refits, fit: Fit) -> Mapping[str, float]:
-    """Constants from a fit to the whole course."""
+    """Return the constants from a fit to the whole course."""
     laws, label = laws_of_fit(fit.structure, refits.told), fit.structure.label
 
     def misfits(units: Array) -> Array:
@@ -57,7 +57,7 @@ def _of_course(refits: Refits, fit: Fit) -> Mapping[str, float]:
 def _swapped(
     structure: Structure, constants: Mapping[str, float], at: int, name: str, rng: random.Random
 ) -> tuple[Structure, dict[str, float]]:
-    """A structure with another form in place of a term; its constants are drawn, the others are kept."""
+    """Replace the form of a term in a structure; its constants are drawn, the others are kept."""
     kept = tuple(part for part in structure.terms[at].modulations if FORMS[name].group in MODULATIONS[part].fits)
     new = Term(name, kept)
     rest = [term for number, term in enumerate(structure.terms) if number != at]

@@ -22,7 +22,7 @@ _ALIKE = (
 )  # fmt: skip
 """Sets of similar forms; a world has at most one of each set."""
 MOST_LINE_TERMS = 4
-"""Most terms of a wheel or a glider."""
+"""Largest number of terms of a wheel or a glider."""
 _DRAWS = 10_000
 
 
@@ -51,7 +51,7 @@ def draw_structure(difficulty: Difficulty, rng: random.Random, split: str | None
 
 
 def split_of(apparatus: Apparatus, forms: Sequence[Form]) -> str:
-    """The split of a combination of forms. It does not depend on modulations, so splits share no combination."""
+    """Return the split of a combination of forms. Modulations do not matter, so splits share no combination."""
     single = _single_terms()
     if len(forms) == 1 and (apparatus, forms[0].name) in single:
         # There are so few that a hash alone would leave a split empty.
@@ -72,14 +72,14 @@ def _hash_of(apparatus: Apparatus, forms: Sequence[Form]) -> int:
 
 @functools.cache
 def _single_terms() -> tuple[tuple[Apparatus, str], ...]:
-    """Apparatus and form of all worlds of one term, in the order of their hashes."""
+    """Return apparatus and form of all worlds with one term, in the order of their hashes."""
     apparatuses = [one for one in Apparatus if one is not Apparatus.PAIR]  # a pair has a term between its pucks
     found = [(one, form) for one in apparatuses for form in forms_of(one) if form.group == "drag"]
     return tuple((one, form.name) for one, form in sorted(found, key=lambda pair: _hash_of(pair[0], [pair[1]])))
 
 
 def compatible(apparatus: Apparatus, forms: Sequence[Form]) -> bool:
-    """Whether forms may be combined in one world: there are not too many, and no two are alike."""
+    """Return whether forms may be combined in one world: there are not too many, and no two are alike."""
     groups = [form.group for form in forms]
     names = {form.name for form in forms}
     return (
@@ -93,7 +93,7 @@ def compatible(apparatus: Apparatus, forms: Sequence[Form]) -> bool:
 
 
 def _agree(apparatus: Apparatus, forms: Sequence[Form], difficulty: Difficulty) -> bool:
-    """Whether forms make a world: they are compatible, and one of them is dissipative."""
+    """Return whether forms make a world: they are compatible, and one of them is dissipative."""
     groups = [form.group for form in forms]
     return (
         compatible(apparatus, forms)
@@ -106,7 +106,7 @@ def _agree(apparatus: Apparatus, forms: Sequence[Form], difficulty: Difficulty) 
 def _modulated(
     apparatus: Apparatus, forms: Sequence[Form], count: int, rng: random.Random
 ) -> list[tuple[str, ...]] | None:
-    """Names of the modulations of each form; None if the forms allow fewer."""
+    """Draw the names of the modulations of each form; None if the forms allow fewer."""
     own: list[list[str]] = [[] for _ in forms]
     places = [
         (at, part.name)
@@ -124,12 +124,12 @@ def _modulated(
 
 
 def options_with(structure: Structure, form: str, count: int, rng: random.Random) -> tuple[str, ...]:
-    """Names of forms in random order: one of the structure, and others that are neither in it nor alike.
+    """Return names of forms in random order: one of the structure, and others that are neither in it nor similar.
 
     Args:
-        structure: Which terms act.
+        structure: The terms of the law.
         form: The form of one of them.
-        count: How many options.
+        count: Number of options.
         rng: The random stream.
     """
     there = {term.form for term in structure.terms}
@@ -144,12 +144,12 @@ def options_with(structure: Structure, form: str, count: int, rng: random.Random
 
 
 def draw_constants(structure: Structure, rng: random.Random, names: Sequence[str] | None = None) -> dict[str, float]:
-    """Values of the constants of a structure, or of some of them, rounded to six digits."""
+    """Draw values of the constants of a structure, or of some of them, rounded to six digits."""
     return {name: draw_constant(structure.ranges[name], rng) for name in names or structure.ranges}
 
 
 def draw_constant(bounds: Range, rng: random.Random) -> float:
-    """A value by its range."""
+    """Draw a value from a range."""
     low, high = bounds.low, bounds.high
     share, sign = rng.random(), 1 if rng.random() < 0.5 else -1
     match bounds.scale:
@@ -167,7 +167,7 @@ def draw_constant(bounds: Range, rng: random.Random) -> float:
 
 
 def searched(bounds: Range) -> tuple[float, float]:
-    """The search range of a constant in a fit: wider than its range, and logarithmic if both ends are positive."""
+    """Return the search range of a constant in a fit: wider than its own, logarithmic if both ends are positive."""
     match bounds.scale:
         case "log":
             return 0.8 * bounds.low, 1.25 * bounds.high
@@ -185,7 +185,7 @@ def searched(bounds: Range) -> tuple[float, float]:
 
 
 def structures_of(difficulty: Difficulty) -> dict[str, int]:
-    """Number of structures of a difficulty, by split. It takes seconds for many terms."""
+    """Return the number of structures of a difficulty, by split. Takes seconds for many terms."""
     found = dict.fromkeys((name for name, _ in SPLITS), 0)
     for apparatus in difficulty.apparatuses:
         count = difficulty.terms if apparatus.flat else min(difficulty.terms, MOST_LINE_TERMS)
@@ -199,7 +199,7 @@ def structures_of(difficulty: Difficulty) -> dict[str, int]:
 
 @functools.lru_cache(10_000)
 def _placements(groups: tuple[str, ...], fits: tuple[frozenset[str], ...], count: int) -> int:
-    """Number of ways to distribute different modulations over terms of these groups, at most two per term."""
+    """Return the number of ways to assign different modulations to terms of these groups, at most two per term."""
     ways = Counter({(0,) * len(groups): 1})
     for fitting in fits:
         more = Counter[tuple[int, ...]](ways)  # the modulation is not used

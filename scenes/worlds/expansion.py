@@ -67,7 +67,7 @@ def _write_whole(path: Path, text: str) -> None:
 
 
 def find_world(scene_id: int, folder: Path) -> PackFiles:
-    """The pack of a world, from the records in a folder of packs or worlds.
+    """Return the pack of a world, from the records in a folder of packs or worlds.
 
     Raises:
         PackError: There is no such world, or its pack cannot be written.
@@ -83,7 +83,7 @@ def find_world(scene_id: int, folder: Path) -> PackFiles:
 
 
 def world_ids(text: str, folder: Path) -> list[int]:
-    """The scene ids of the worlds that a reference names.
+    """Return the scene ids of the worlds that a reference names.
 
     Raises:
         PackError: It is malformed, or one of the worlds does not exist.

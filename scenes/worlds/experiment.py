@@ -1,7 +1,7 @@
 """Experiments in a world: the choice of pushes, the resulting course, and fits of a structure to it.
 
-`Excitation` chooses pushes from readings only, so the reference makes the same pushes in the laboratory as the
-certificate makes in the simulation of the theory.
+`Excitation` chooses pushes from readings only. The reference therefore makes the same pushes in the laboratory as the
+certificate makes in its simulation of the theory.
 """
 
 import functools
@@ -22,17 +22,17 @@ from scenes.worlds.terms import Structure
 LOOK_S, LOOKS = 0.45, 2
 """Laboratory time between two readings [s], and readings in one leg, in which the pushes stay the same."""
 RESOLUTION = 0.001
-"""Resolution of places and velocities [m, rad, m/s, rad/s]."""
+"""Resolution of positions and velocities [m, rad, m/s, rad/s]."""
 SEARCH_S = 0.09
-"""Longest step of the integration of a fit [s]."""
+"""Longest integration step of a fit [s]."""
 COURSE_S = 0.03
-"""The same of a course that stands for a laboratory."""
+"""Longest integration step of a course that replaces one of the laboratory [s]."""
 TURNS = 18
-"""Most iterations of a course."""
+"""Largest number of iterations of a course."""
 _FAR = 1e9
-"""Misfit of a course without a value, such as after a divergence [standard deviations]."""
+"""Misfit of a course without a value, for example after divergence [standard deviations]."""
 _SLOWED = 0.6
-"""Share of its velocity that a body is expected to keep in a leg whose end is not read before the next one."""
+"""Expected share of its velocity that a body keeps in a leg whose end is not read before the next one."""
 _REACH = 0.7
 """Share of the radius within which targets lie."""
 _LINE_REACH = 3.0
@@ -47,9 +47,9 @@ class Situation:
     radius: float
     """Distance at which the wall or the buffers begin [m]; unused for a wheel."""
     force: float
-    """Greatest force on a body [N], or torque on a wheel [N·m]."""
+    """Largest force on a body [N], or torque on a wheel [N·m]."""
     looks: int
-    """Readings that the calls and the time allow."""
+    """Number of readings that the calls and the time allow."""
     noise: float
     """Standard deviation of positions [m, rad]; the number for velocities is twice as large [m/s, rad/s]."""
 
@@ -96,7 +96,7 @@ class Excitation:
         self._leads = [_Lead() for _ in range(self.situation.bodies)]
 
     def pushes(self, read: Array, legs: int) -> list[Array]:
-        """The pushes of the next legs [N, N·m], from the last reading of each state."""
+        """Return the pushes of the next legs [N, N·m], from the last reading of each state."""
         told, width = self.situation, 2 if self.situation.apparatus.flat else 1
         expected, found = read.reshape(told.bodies, 2, width).copy(), list[Array]()
         for _ in range(legs):
@@ -126,7 +126,7 @@ class _Lead:
     legs: int = 0
 
     def towards(self, place: Array, speed: Array, reach: float, rng: np.random.Generator) -> Array:
-        """The push, relative to the largest one."""
+        """Return the push towards the target, relative to the largest push."""
         if self.target is None or self.legs > 2 or float(np.linalg.norm(self.target - place)) < 0.15 * reach:
             turn = rng.uniform(0, 2 * math.pi)
             way = np.array([math.cos(turn), math.sin(turn)][: len(place)])
@@ -144,10 +144,10 @@ def simulated(
     noise_seed: int | None,
     longest_s: float = COURSE_S,
 ) -> Course:
-    """The simulated course by theory.
+    """Simulate a course by theory.
 
     Args:
-        structure: Which terms act.
+        structure: The terms of the law.
         constants: Their constants.
         told: Limits and instruments.
         noise_seed: Seed of the noise of readings, which are then also rounded; None for exact readings.
@@ -174,14 +174,17 @@ def simulated(
 def retraced(
     structure: Structure, constants: Mapping[str, float], told: Situation, course: Course, longest_s: float = SEARCH_S
 ) -> Array:
-    """How far theory is from the readings of a course under the same pushes [standard deviations]; shape as readings.
+    """Return the distance of theory from the readings of a course under the same pushes [standard deviations].
 
     Args:
-        structure: Which terms act.
+        structure: The terms of the law.
         constants: Their constants.
         told: The instruments.
-        course: What was held and read.
+        course: Pushes and readings.
         longest_s: Longest step of the integration [s].
+
+    Returns:
+        The same shape as the readings.
     """
     rates, state, time = rates_of(structure, walled=True, single=True), list(structure.start), 0.0
     seen = list[list[float]]()
@@ -194,7 +197,7 @@ def retraced(
 
 @functools.lru_cache(1024)
 def laws_of_fit(structure: Structure, told: Situation, longest_s: float = SEARCH_S) -> Laws:
-    """The `Laws` that fit a structure to a course in a situation."""
+    """Return the `Laws` that fit a structure to a course in a situation."""
     rates = rates_of(structure, walled=True)
 
     def of_course(_structure: str, knobs: Mapping[str, Any], time: Any, state: Array, controls: Array) -> Array:
@@ -211,7 +214,7 @@ def laws_of_fit(structure: Structure, told: Situation, longest_s: float = SEARCH
 
 
 def on_unit(laws: Laws, constants: Mapping[str, float]) -> Array:
-    """The point of the unit cube at which the constants have these values."""
+    """Return the point of the unit cube at which the constants have these values."""
     found: list[float] = []
     for name in next(iter(laws.structures.values())):
         low, high = laws.box[name]

@@ -18,11 +18,11 @@ from scenes.worlds.records import (
 )
 
 PUBLISHED = Path("worlds", "public")
-"""Where the suite keeps its published worlds, below the folder of packs."""
+"""Folder of the suite's published worlds, below the folder of packs."""
 
 
 def find_worlds(text: str, folder: Path) -> list[WorldRecord]:
-    """The worlds that a reference names, in ascending order.
+    """Return the worlds that a reference names, in ascending order.
 
     Raises:
         WorldError: It is malformed, or one of the worlds does not exist.
@@ -42,7 +42,7 @@ def worlds_of(folder: Path, level: int) -> tuple[WorldRecord, ...]:
 
 
 def levels_of(folder: Path) -> list[int]:
-    """The levels with worlds in a folder of packs or worlds."""
+    """Return the levels that have worlds in a folder of packs or worlds."""
     places = (folder, folder / PUBLISHED)
     return [level for level in LEVELS if any(lines_file(place, level).exists() for place in places)]
 
@@ -116,7 +116,7 @@ def _certificate(place: Path, level: int, index: int, stamp: int | None) -> Cert
 
 
 def _stamp(file: Path) -> int | None:
-    """A stamp that changes with the file; None if there is no file."""
+    """Return a value that changes with the file; None if there is no file."""
     try:
         return file.stat().st_mtime_ns
     except OSError:

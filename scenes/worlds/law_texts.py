@@ -8,19 +8,19 @@ from scenes.worlds.parts import Apparatus
 from scenes.worlds.terms import Structure, Term
 
 ODO_RATE = 20.0
-"""How fast the smoothed way follows the true one [1/s]."""
+"""Rate at which the smoothed path length follows the true one [1/s]."""
 WALL = 30.0
 """Stiffness of the soft wall beyond the rim, or of the buffers of a rail [N/m]."""
 _WORD = re.compile(r"[A-Za-z_]\w*")
 
 
 def swapped(text: str, names: Mapping[str, str]) -> str:
-    """An expression of the grammar with renamed variables."""
+    """Rename the variables of an expression of the grammar."""
     return _WORD.sub(lambda found: names.get(found[0], found[0]), text)
 
 
 def laws_of(structure: Structure) -> list[dict[str, Any]]:
-    """The laws of the terms and of their hidden bodies, without the wall."""
+    """Return the laws of the terms and of their hidden bodies, without the wall."""
     laws = [law for at, term in enumerate(structure.terms) for law in _laws_of_term(structure, at, term)]
     if structure.worn:
         speeds = {Apparatus.WHEEL: "sqrt(b_spin**2+1e-6)", Apparatus.GLIDER: "sqrt(b_vx**2+1e-6)"}
@@ -30,7 +30,7 @@ def laws_of(structure: Structure) -> list[dict[str, Any]]:
 
 
 def walls_of(structure: Structure) -> list[dict[str, Any]]:
-    """The laws of the soft wall or of the buffers; a wheel has none."""
+    """Return the laws of the soft wall or of the buffers; none for a wheel."""
     if structure.apparatus is Apparatus.WHEEL:
         return []
     edge = f"{structure.radius:g}"
@@ -80,7 +80,7 @@ def _others(at: int, term: Term) -> dict[str, str]:
 
 
 def _law_of_hidden(apparatus: Apparatus, at: int, term: Term) -> dict[str, Any]:
-    """The law of a hidden body of 1 kg, in whose expressions the body is `b`."""
+    """Return the law of a hidden body of 1 kg, whose expressions call the body `b`."""
     names = {f"h{at}_{name}": name for name in ("x", "y", "vx", "vy")} | {f"h{at}_q": "x", f"h{at}_u": "vx"}
     names |= {name: f"b_{name}" for name in ("x", "y", "vx", "vy")}
     names |= {"q": "b_angle", "u": "b_spin"} if apparatus is Apparatus.WHEEL else {"q": "b_x", "u": "b_vx"}

@@ -17,29 +17,29 @@ _ALL = (*_SINGLE, Apparatus.PAIR)
 
 @dataclass(frozen=True, slots=True)
 class Difficulty:
-    """The attributes of the dial."""
+    """The attributes that determine how difficult a world is."""
 
     apparatuses: tuple[Apparatus, ...]
-    """What there may be to push."""
+    """The possible kinds of apparatus."""
     terms: int
-    """Number of terms; on a wheel or a rail at most four."""
+    """Number of terms; at most four on a wheel or a rail."""
     modulations: int
-    """Number of modulations, at most two of a term."""
+    """Number of modulations, at most two per term."""
     hidden: int
-    """Most hidden bodies."""
+    """Largest number of hidden bodies."""
     noise: float
-    """Smallest standard deviation of a place [m, rad]; of a velocity it is twice as much in 1/s."""
+    """Smallest standard deviation of a position [m, rad]; the number for velocities is twice as large [m/s, rad/s]."""
     looks: int
-    """Readings of each state that the laboratory allows; a reading takes 0.45 s of laboratory time."""
+    """Number of readings of each state that the laboratory allows; a reading takes 0.45 s of laboratory time."""
     strong: float
-    """Forces that questions ask about, as a multiple of the allowed one."""
+    """Forces in questions, as a multiple of the allowed one."""
     kinds: tuple[str, ...] = ("strong", "far", "late")
-    """Kinds of the questions; a world asks three, of different kinds if it can."""
+    """Possible kinds of questions. A world has three questions, of different kinds if possible."""
     bound: float = 0.25
-    """Smallest error of an informed answer, in tolerances, to which the noise is raised."""
+    """Smallest error of an informed answer, in tolerances. The noise is increased until the error reaches it."""
 
     def changed(self, **attributes: Any) -> "Difficulty":
-        """A difficulty with other attributes.
+        """Return a difficulty with other attributes.
 
         Raises:
             WorldError: There is no such attribute, or its value is out of range.
@@ -61,10 +61,10 @@ class Difficulty:
         return found
 
     def changed_by(self, settings: Iterable[str]) -> "Difficulty":
-        """A difficulty with attributes as on the command line: `terms=4`, `noise=0.01`, `kinds=strong,late`.
+        """Parse attributes such as `terms=4`, `noise=0.01`, `kinds=strong,late`, and return the changed difficulty.
 
         Raises:
-            WorldError: As for `changed`, or a value cannot be read.
+            WorldError: As for `changed`, or a value cannot be parsed.
         """
         attributes: dict[str, Any] = {}
         for setting in settings:
@@ -79,7 +79,7 @@ class Difficulty:
 
 _PLAIN = ("strong", "far", "late")
 KINDS = (*_PLAIN, "apart", "push", "which")
-"""Kinds of questions, which `scenes.worlds.questions.Question` explains."""
+"""Kinds of questions, described at `scenes.worlds.questions.Question`."""
 
 
 def kinds_for(apparatus: Apparatus, kinds: Iterable[str]) -> list[str]:
@@ -93,7 +93,7 @@ _READ: Mapping[str, Callable[[str], Any]] = {
     "kinds": lambda text: tuple(text.split(",")),
     "apparatuses": lambda text: tuple(map(Apparatus, text.split(","))),
 }
-"""How the values of attributes are read; the others are floats."""
+"""Parsers of attribute values; all other attributes are floats."""
 _BOUNDS = {"terms": (1, 6), "modulations": (0, 6), "hidden": (0, 3), "noise": (1e-4, 0.1), "looks": (12, 200),
            "strong": (1.1, 5.0), "bound": (0.0, 0.35)}  # fmt: skip
 

@@ -1,4 +1,4 @@
-"""Orders of worlds: level, attributes, key and split. This module draws nothing."""
+"""Specifies which worlds to make: level, attributes, key and split. Draws no worlds."""
 
 import hashlib
 import itertools
@@ -16,25 +16,25 @@ from scenes.worlds.records import lines_file, read_records
 PUBLIC = "public"
 """Fixed text in place of a key for the public worlds."""
 _SPLITS = ("train",) * 6 + ("validation",) * 2 + ("test",) * 2
-"""Splits of ten indexes in a row of the public worlds."""
+"""Splits of ten consecutive indexes of the public worlds."""
 
 
 @dataclass(frozen=True, slots=True)
 class WorldOrder:
-    """Worlds of one level."""
+    """A specification of worlds of one level."""
 
     level: int
     difficulty: Difficulty
     secret: str
-    """`PUBLIC`, or the text of a key: the worlds of a key cannot be foreseen without it."""
+    """`PUBLIC`, or the text of a key. Without the key, the worlds cannot be predicted."""
 
     def split_at(self, index: int) -> str:
-        """The split of the structure at an index; all worlds of a key are held-back."""
+        """Return the split of the structure at an index; `held-back` for all worlds of a key."""
         return _SPLITS[index % len(_SPLITS)] if self.secret == PUBLIC else HELD_BACK
 
     @property
     def settings(self) -> tuple[str, ...]:
-        """The attributes that differ from those of the level, by name, in the notation of `--set`."""
+        """Return the attributes that differ from those of the level, by name, in the notation of `--set`."""
         usual = asdict(difficulty_of(self.level))
         changed = {name: value for name, value in sorted(asdict(self.difficulty).items()) if value != usual[name]}
         return tuple(
@@ -44,13 +44,13 @@ class WorldOrder:
 
     @property
     def commitment(self) -> str:
-        """Cryptographic commitment to the key; empty for the public worlds."""
+        """Return a cryptographic commitment to the key; empty for the public worlds."""
         if self.secret == PUBLIC:
             return ""
         return hashlib.sha256(f"physment worlds 1: {self.secret}".encode()).hexdigest()
 
     def indexes(self, count: int, split: str | None = None, first: int = 0) -> list[int]:
-        """The ordered indexes: consecutive ones, or the next ones of a split.
+        """Return the specified indexes: consecutive ones, or the next ones of a split.
 
         Raises:
             WorldError: The split has fewer.
@@ -66,10 +66,10 @@ class WorldOrder:
         return found
 
     def missing(self, wanted: Sequence[int], folder: Path) -> list[int]:
-        """The ordered indexes without a world in a folder.
+        """Return the specified indexes without a world in a folder.
 
         Raises:
-            WorldError: The existing worlds cannot be read, or an ordered one exists with other settings.
+            WorldError: The existing worlds cannot be read, or one of them has other settings.
         """
         lines = lines_file(folder, self.level)
         records = read_records(folder, self.level) if lines.exists() else ()

@@ -18,7 +18,7 @@ from scenes.worlds.tasks import LETTERS, asked_of, task_of
 from scenes.worlds.terms import START_M, Structure
 
 SALT = "noise_salt"
-"""Name of the model's text element on which the noise of instruments depends."""
+"""Name of the model's custom text that determines the noise of its instruments."""
 _INERT = 'contype="0" conaffinity="0"'
 _AXES = {"x": "1 0 0", "y": "0 1 0", "z": "0 0 1"}
 _WORD = re.compile(r"[A-Za-z_]\w*")
@@ -36,7 +36,7 @@ _DISABLED = {
 
 
 def pack_of(record: WorldRecord, certificate: Certificate | None) -> Pack:
-    """The pack of a world, without its laws, which are in the model.
+    """Return the pack of a world, without its laws, which are in the model.
 
     Args:
         record: The world.
@@ -91,18 +91,18 @@ class StartState:
     """An initial state that differs from that of the experiment."""
 
     clock: float
-    """What the clock shows [s]."""
+    """Initial simulated time [s]."""
     state: tuple[float, ...]
-    """By the names of `Structure.states`."""
+    """Initial values by the names of `Structure.states`."""
 
 
 def mjcf_of(record: WorldRecord, *, walled: bool = True, padded: bool = True, start: StartState | None = None) -> str:
-    """The model of a world, with its laws.
+    """Return the model of a world, with its laws.
 
     Args:
         record: The world.
         walled: Whether there is a wall.
-        padded: Whether the model has the laws and bodies without effect that a laboratory has.
+        padded: Whether to add the laws and bodies without effect that the model of a laboratory has.
         start: Initial state; None for that of the experiment.
     """
     structure, apparatus = record.structure, record.apparatus
@@ -127,14 +127,14 @@ def mjcf_of(record: WorldRecord, *, walled: bool = True, padded: bool = True, st
 
 
 def _with_constants(law: Mapping[str, Any], constants: Mapping[str, float]) -> dict[str, Any]:
-    """A law with the values of the constants in its expressions."""
+    """Return a law with the values of the constants in its expressions."""
     texts = (*law.get("let", {}).values(), *law.get("force", ()), *law.get("torque", ()))
     words = {word for text in texts for word in _WORD.findall(text)}
     return {**law, "constants": {name: value for name, value in constants.items() if name in words}}
 
 
 def _key(structure: Structure, padding: Padding, start: StartState) -> str:
-    """The XML element of an initial state; its coordinates are relative to the positions of the bodies in the model."""
+    """Return the XML element of an initial state, with coordinates relative to the bodies' positions in the model."""
     padded = [0.0] * (padding.way + (2 if structure.apparatus.flat else 1) * len(padding.hidden))
     width, places, rates, at = 2 if structure.apparatus.flat else 1, list[float](), list[float](), 0
     away = [now - then for now, then in zip(start.state, structure.start, strict=True)]
@@ -162,7 +162,7 @@ def _slides(name: str, axes: str) -> str:
 
 
 def _seen(apparatus: Apparatus, body: int, place: tuple[float, float, float], mass: float) -> str:
-    """A body that can be pushed."""
+    """Return the XML element of a body that can be pushed."""
     name, colour = f"object_{body}", "0.8 0.3 0.2 1" if body == 1 else "0.2 0.4 0.8 1"
     if apparatus is Apparatus.WHEEL:
         joints = f'<joint name="{name}_hinge" type="hinge" axis="0 0 1"/>'
@@ -176,6 +176,6 @@ def _seen(apparatus: Apparatus, body: int, place: tuple[float, float, float], ma
 
 
 def _unseen(name: str, axes: str) -> str:
-    """The XML element of a hidden body of 1 kg on slide joints."""
+    """Return the XML element of a hidden body of 1 kg on slide joints."""
     geom = f'<geom name="{name}_geom" type="sphere" size="0.01" mass="1" rgba="0 0 0 0" {_INERT}/>'
     return f'<body name="{name}">{_slides(name, axes)}{geom}</body>'

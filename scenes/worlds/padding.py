@@ -1,4 +1,4 @@
-"""Laws and bodies without effect, so that the duration of a step does not reveal the terms of a world.
+"""Adds laws and bodies without effect, so that the duration of a step does not reveal the terms of a world.
 
 All worlds of a level with the same apparatus have equal numbers of laws, bodies, function calls and operations. A world
 with other attributes than its level has at least as many.
@@ -18,15 +18,15 @@ from scenes.worlds.terms import Structure, Term
 
 _CALL, _OPERATION = re.compile(r"[a-z]\w*\(|\*\*"), re.compile(r"(?<!\*)\*(?!\*)|[-+/]")
 _IN_A_ROW = 80
-"""Calls or operations in one text of the padding."""
+"""Number of calls or operations in one expression of the padding."""
 
 
 class _Cost(NamedTuple):
-    """What laws take."""
+    """The number of laws, function calls and operations that laws take."""
 
     laws: int
     calls: int
-    """Functions and powers."""
+    """Number of functions and powers."""
     operations: int
 
     def plus(self, other: "_Cost", times: int = 1) -> "_Cost":
@@ -37,9 +37,9 @@ class Padding(NamedTuple):
     """The parts of a model that exist only for padding."""
 
     hidden: tuple[str, ...]
-    """Names of bodies that move as hidden ones do."""
+    """Names of bodies that move like hidden ones."""
     way: bool
-    """Whether there is a body for the way, which no law needs."""
+    """Whether there is a body for the path length, which no law needs."""
     laws: tuple[Mapping[str, Any], ...]
 
 
@@ -47,7 +47,7 @@ NO_PADDING = Padding((), False, ())
 
 
 def padding_of(structure: Structure, level: int) -> Padding:
-    """The padding that equalises a world with the others of its level."""
+    """Return the padding that gives a world the same cost as all others of its level."""
     room, difficulty = _room(structure.apparatus, level), difficulty_of(level)
     hidden = tuple(f"hidden_p{number}" for number in range(difficulty.hidden - len(structure.hidden)))
     way = difficulty.modulations > 0 and not structure.worn
@@ -62,7 +62,7 @@ def _inert(body: str) -> dict[str, Any]:
 
 
 def _filler(structure: Structure, hidden: Iterable[str], way: bool, room: _Cost, used: _Cost) -> dict[str, Any]:
-    """A law that reads every variable of this apparatus and performs the missing arithmetic."""
+    """Return a law that reads every variable of this apparatus and performs the missing arithmetic."""
     unseen = [*(f"hidden_{at}" for at in structure.hidden), *hidden]
     others = {f"h{number}": body for number, body in enumerate(unseen)}
     others |= {"o": "object_2"} if structure.bodies == 2 else {}
@@ -92,7 +92,7 @@ def _texts(law: Mapping[str, Any]) -> list[str]:
 
 @functools.lru_cache(100)
 def _room(apparatus: Apparatus, level: int) -> _Cost:
-    """The largest cost of the laws of a level, that of the most expensive forms and modulations."""
+    """Return the largest cost of laws at a level: that of the most expensive forms and modulations."""
     difficulty = difficulty_of(level)
     terms = difficulty.terms if apparatus.flat else min(difficulty.terms, MOST_LINE_TERMS)
     plain = _most(

@@ -19,7 +19,7 @@ class Apparatus(StrEnum):
     """Kinds of apparatus, with the bodies that an agent can push."""
 
     PUCK = "puck"
-    """A puck on a floor, which slides both ways."""
+    """A puck on a floor, which slides along both axes."""
     PAIR = "pair"
     """Two pucks on one floor."""
     WHEEL = "wheel"
@@ -29,19 +29,19 @@ class Apparatus(StrEnum):
 
     @property
     def flat(self) -> bool:
-        """Whether its bodies move in a plane instead of along one coordinate."""
+        """Whether the bodies move in a plane instead of along one coordinate."""
         return self in {Apparatus.PUCK, Apparatus.PAIR}
 
 
 @dataclass(frozen=True, slots=True)
 class Range:
-    """From which values a constant is drawn."""
+    """The distribution of a constant."""
 
     low: float
     high: float
     scale: str = "log"
-    """`log` or `lin`; `sign`: as `log`, of either sign; `disc`: at least a quarter of `high`, of either sign; `angle`:
-    of a full or half turn; `ratio`: as `log`, but far from 1."""
+    """`log` or `lin`; `sign`: as `log`, with random sign; `disc`: at least a quarter of `high`, with random sign;
+    `angle`: of a full or half turn; `ratio`: as `log`, but far from 1."""
     unit: str = "1"
 
 
@@ -53,15 +53,15 @@ class Form:
     group: str
     """`drag`, `cross`, `field`, `time`, `body`, `push` or `pair`."""
     says: str
-    """What it is, for authors and for readers of a certificate."""
+    """Description for authors and for readers of a certificate."""
     constants: dict[str, Range]
     let: dict[str, str]
     force: tuple[str, ...]
-    """Its components: two on a floor, one otherwise."""
+    """Components: two on a floor, one otherwise."""
     hidden: tuple[str, ...] = ()
-    """Of a form with a hidden body: the acceleration of that body, which starts at rest at 0."""
+    """Acceleration of the form's hidden body, which starts at rest at 0; empty without a hidden body."""
     reaction: bool = False
-    """Of a form of a pair: whether the other puck feels the opposite force."""
+    """Whether the other puck of a pair feels the opposite force."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,7 +75,7 @@ class Modulation:
     constants: dict[str, Range]
     factor: str
     fits: frozenset[str]
-    """Groups of forms that it may multiply."""
+    """Groups of forms that the modulation may multiply."""
 
 
 TURN, HALF_TURN = Range(0.0, 2 * math.pi, "angle", "rad"), Range(0.0, math.pi, "angle", "rad")
@@ -84,5 +84,5 @@ POWER = Range(1.5, 2.6, "lin")
 
 
 def size(low: float, high: float, unit: str, scale: str = "log") -> Range:
-    """The range of the first constant of a form."""
+    """Return the range of the first constant of a form."""
     return Range(low, high, scale, unit)

@@ -19,19 +19,19 @@ from scenes.worlds.terms import Structure
 from scenes.worlds.weak_form import Legs, box_of, named
 
 EXPLAINED = 1.7
-"""Reduced chi-square up to which the reference reports that it knows the law."""
+"""Largest reduced chi-square for which the reference reports that it knows the law."""
 _KEPT, _BEHIND = 6, 20.0
-"""Most structures that are fitted to the whole course, and by how much their score may be behind."""
+"""Largest number of structures that are fitted to the whole course, and largest deficit of their score."""
 _ROUNDS = 4
 _DRAWS = 120
-"""Predictions of each structure."""
+"""Number of predictions of each structure."""
 _SHIFT = 1e-4
 _STEP_S = 0.04
 
 
 @dataclass(frozen=True)
 class Prediction:
-    """What a reference says of a world."""
+    """A reference's answers to the questions of a world, with their uncertainty."""
 
     answer: Array
     """The answers: those within whose tolerances most predictions lie."""
@@ -40,14 +40,14 @@ class Prediction:
     high: Array
     """97.5th percentile."""
     reduced: float
-    """Chi-square of the best structure per degree of freedom."""
+    """Reduced chi-square of the best structure."""
     structures: dict[Structure, float]
-    """Structures that are kept, with their weights."""
+    """The weighted structures."""
     tried: int
-    """How many structures were fitted."""
+    """Number of structures that were fitted."""
 
     def says(self) -> str:
-        """The prediction in words, with its doubts."""
+        """Describe the prediction and its uncertainty in words."""
         found = max(self.structures, key=lambda structure: self.structures[structure])
         numbers = ", ".join(
             f"{a:.4g} ({b:.3g} to {c:.3g})" for a, b, c in zip(self.answer, self.low, self.high, strict=True)
@@ -73,7 +73,7 @@ def predicted(search: Search, asked: Sequence[Question]) -> Prediction:
     """Run a search and predict.
 
     Args:
-        search: A search that was not started.
+        search: A search that has not been run yet.
         asked: The questions.
     """
     with np.errstate(all="ignore"):
@@ -84,7 +84,7 @@ def weighed(search: Search, best: Sequence[Fit], asked: Sequence[Question]) -> P
     """Predict from the fits of a search, in order of evidence.
 
     Args:
-        search: The search that made them.
+        search: The search that made the fits.
         best: The fits.
         asked: The questions.
     """
@@ -115,7 +115,7 @@ def _quantile(found: Array, share: Array, level: float) -> float:
 
 
 def _likeliest(found: Array, share: Array, first: float) -> float:
-    """The prediction with the most others within its tolerance; the first one unless another is clearly better."""
+    """Return the prediction with most others within its tolerance; the first unless another is clearly better."""
     values = np.where(np.isfinite(found), found, 1e9)
     near = np.abs(values[:, None] - values) <= tolerance(values)
     mass = near @ share
@@ -124,7 +124,7 @@ def _likeliest(found: Array, share: Array, first: float) -> float:
 
 
 def on_course(course: Course, told: Situation, fit: Fit, longest_s: float = COURSE_S) -> Fit:
-    """A fit to the whole course, integrated from its start."""
+    """Return a fit to the whole course, integrated from its start."""
     structure = fit.structure
     box = {name: box_of(bounds) for name, bounds in structure.ranges.items()}
     laws = replace(laws_of_fit(structure, told, longest_s), box=box)
@@ -140,7 +140,7 @@ def on_course(course: Course, told: Situation, fit: Fit, longest_s: float = COUR
 
 
 def plausible(fit: Fit, asked: Sequence[Question], count: int) -> Array:
-    """Answers for the best constants, then for samples that the readings allow. Shape (questions, 1 + count)."""
+    """Return answers for the best constants, then for samples that the readings allow. Shape (questions, 1 + count)."""
     normal = fit.slope.T @ fit.slope + np.eye(len(fit.unit))
     values, axes = np.linalg.eigh(normal)
     drawn = np.random.default_rng(0).standard_normal((count, len(values))) / np.sqrt(np.maximum(values, 1e-9)) @ axes.T
@@ -151,11 +151,11 @@ def plausible(fit: Fit, asked: Sequence[Question], count: int) -> Array:
 
 
 def searched_course(course: Course, told: Situation, seconds: float = 60.0) -> Search:
-    """The reference's search for the terms of a course.
+    """Create the reference's search for the terms of a course.
 
     Args:
         course: Controls and readings.
         told: The apparatus and its instruments.
-        seconds: Processor time after which it stops [s].
+        seconds: Processor time after which the search stops [s].
     """
     return Search(Legs.of(course, told), seconds=seconds)

@@ -9,16 +9,16 @@ from scenes.worlds.levels import LEVELS
 from scenes.worlds.records import CANARY_LINE, Certificate, WorldRecord, as_line, lines_file
 
 MOST_BYTES = 2_000_000
-"""Most that the records and certificates of a published set may take [bytes]."""
+"""Largest size of the records and certificates of a published set [bytes]."""
 
 
 def publish(source: Path, target: Path, count: int) -> dict[str, int]:
-    """Write the first worlds of each level that a folder holds as a published set.
+    """Write the first worlds of each level in a folder as a published set.
 
     Args:
         source: A folder of worlds, as `worlds make` writes it.
-        target: The folder to make.
-        count: How many worlds of each level.
+        target: The folder to create.
+        count: Number of worlds of each level.
 
     Returns:
         Name of each file in `target` → its size [bytes].
@@ -62,7 +62,7 @@ def _text(lines: list[WorldRecord] | list[Certificate]) -> str:
 
 
 def _write(target: Path, texts: dict[str, str]) -> None:
-    """Write all files, or none."""
+    """Write all files, or none of them."""
     try:
         if target.exists() and any(target.iterdir()):
             raise WorldError(f"{target} is not empty; name a new folder")

@@ -1,4 +1,4 @@
-"""Questions of a world: situations that its laboratory does not allow, the asked quantity, and the answers.
+"""Questions of a world: situations that its laboratory does not allow, the requested quantity, and the answers.
 
 A question starts from the initial state of the apparatus, without a wall. Visible bodies are placed at given positions
 and released at a given time. The placement is not part of the history: hidden bodies are unchanged, and the path length
@@ -18,56 +18,56 @@ from scenes.worlds.equations import moved, rates_of
 from scenes.worlds.terms import Structure
 
 Constants = Mapping[str, Array]
-"""Values of constants; one for each situation that is followed at the same time."""
+"""Values of constants by name, with an entry for each situation that is integrated at the same time."""
 
 REL_TOL, ABS_TOL = 0.05, 0.04
-"""A number is right within ABS_TOL + REL_TOL |key|."""
+"""Tolerances: a number is right within ABS_TOL + REL_TOL |key|."""
 HARDEST = 20.0
 """Upper bound of the search for the force of a `push` question [N, N·m]."""
 _GRID = 13
-"""Forces from 0 to `HARDEST` between which an answer is sought first."""
+"""Forces from 0 to `HARDEST` between which the answer is bracketed."""
 _STEPS = 10
-"""Most steps of the search after that."""
+"""Largest number of iterations within a bracket."""
 _HELD_S = 0.1
-"""Longest step while bodies are held [s]: hidden bodies move smoothly then."""
+"""Longest integration step while bodies are held [s]; hidden bodies then move smoothly."""
 _ROUGH_S = 0.05
-"""Steps of an integration from which on a line between two of the forces is good enough [s]."""
+"""Integration step from which on linear interpolation between two forces is accurate enough [s]."""
 
 
 @dataclass(frozen=True, slots=True)
 class Question:
-    """A situation with one asked number, or a choice between several statements."""
+    """A situation and a requested number, or a choice between several statements."""
 
     kind: str
-    """`strong`: a force beyond the limit; `far`: a place beyond the wall; `late`: a time after the laboratory's;
-    `apart`: the distance of two pucks; `push`: the least force that brings a body so far; `which`: which of some
-    terms acts."""
+    """`strong`: a force beyond the limit; `far`: a position beyond the wall; `late`: a time after the laboratory's;
+    `apart`: the distance of two pucks; `push`: the smallest force that moves a body by a distance; `which`: which of
+    several terms acts."""
     place: tuple[float, ...]
-    """Where each body is put [m, rad]."""
+    """Initial position of each body [m, rad]."""
     speed: tuple[float, ...]
     """Velocity of each body at its release [m/s, rad/s]."""
     push: tuple[float, ...]
-    """What is held on each body then [N, N·m]; of a `push` question its direction."""
+    """Constant force on each body after the release [N, N·m]; for a `push` question its direction."""
     clock: float
     """Time of the release [s]."""
     lasting: float
-    """After which time the number is asked [s]."""
+    """Time between the release and the requested number [s]."""
     what: str
-    """Which number: `dx dy` or `dq`, the change of a coordinate; `vx vy speed` or `u`, of the velocity; `apart`, the
-    distance between the pucks; `push`, the force [N, N·m]; `which`, the number of an option."""
+    """The requested number: `dx dy` or `dq`, the change of a coordinate; `vx vy speed` or `u`, of the velocity;
+    `apart`, the distance between the pucks; `push`, the force [N, N·m]; `which`, the number of an option."""
     body: int = 1
     """Number of the body."""
     size: float = 0.0
-    """How far the body must come along the direction of the push [m, rad]."""
+    """Distance by which the body must move along the direction of the push [m, rad]."""
     options: tuple[str, ...] = ()
     """Forms of which exactly one acts."""
 
 
 def answers(structure: Structure, constants: Mapping[str, Any], asked: Sequence[Question], longest_s: float) -> Array:
-    """Answers by integration.
+    """Compute the answers by integration.
 
     Args:
-        structure: Which terms act.
+        structure: The terms of the law.
         constants: Numbers, or arrays with a value for each trial.
         asked: The questions.
         longest_s: Longest step of the integration [s].
@@ -92,26 +92,29 @@ def answers(structure: Structure, constants: Mapping[str, Any], asked: Sequence[
 
 
 def option_of(structure: Structure, question: Question) -> float:
-    """The number of the true option, from 1; NaN if none is true, or several are."""
+    """Return the number of the true option, from 1; NaN if none is true, or several are."""
     forms = {term.form for term in structure.terms}
     found = [number for number, form in enumerate(question.options, 1) if form in forms]
     return float(found[0]) if len(found) == 1 else float("nan")
 
 
 def _values(structure: Structure, constants: Constants, asked: Sequence[Question], longest_s: float) -> Array:
-    """The asked numbers after the pushes of the questions, all followed at once; shape (questions, trials)."""
+    """Return the requested numbers after the pushes of all questions, integrated at once; shape (questions, trials)."""
     trials = len(constants["m"])
     pushes = np.repeat([question.push for question in asked], trials, axis=0).T
     return _ended(structure, _tiled(constants, len(asked)), asked, pushes, longest_s)
 
 
 def _least_pushes(structure: Structure, constants: Constants, asked: Sequence[Question], longest_s: float) -> Array:
-    """The forces with which bodies just come so far; NaN unless there is exactly one. Shape (questions, trials)."""
+    """Return the forces that just move bodies by the distances; NaN unless there is exactly one force.
+
+    Shape (questions, trials).
+    """
     trials = len(constants["m"])
     ways = np.repeat([question.push for question in asked], trials, axis=0).T
 
     def beyond(forces: Array) -> Array:
-        """How much too far they come by forces (forces, questions × trials)."""
+        """Return by how much the forces move bodies too far; shape (forces, questions × trials)."""
         points = len(forces)
         several, pushes = _tiled(constants, points * len(asked)), np.tile(ways, points) * forces.ravel()
         return _ended(structure, several, [*asked] * points, pushes, longest_s).reshape(forces.shape)
@@ -128,13 +131,13 @@ def _tiled(constants: Constants, times: int) -> dict[str, Array]:
 def _ended(
     structure: Structure, constants: Constants, asked: Sequence[Question], push: Array, longest_s: float
 ) -> Array:
-    """The asked numbers of situations that are followed at once; shape (questions, trials).
+    """Return the requested numbers of situations that are integrated at once; shape (questions, trials).
 
     Args:
-        structure: Which terms act.
+        structure: The terms of the law.
         constants: A value for each situation; those of one question are next to each other.
         asked: The questions.
-        push: What is held; shape (controls, situations).
+        push: Constant forces; shape (controls, situations).
         longest_s: Longest step of the integration [s].
     """
     width, columns = 2 if structure.apparatus.flat else 1, push.shape[1]
@@ -154,7 +157,7 @@ def _ended(
 
 
 def _held(structure: Structure, constants: Constants, seen: Array, clock: Array) -> Array:
-    """The state of what is hidden after what is seen was held where it is; that of the way too."""
+    """Return the state of hidden bodies and the path length after visible bodies were held in place."""
     kept = [(at, term) for at, term in enumerate(structure.terms) if term.kind.hidden or "wear" in term.modulations]
     alone = Structure(structure.apparatus, tuple(term for _, term in kept), structure.radius)
     names = [*structure.masses, *(name for at, term in kept for name in term.ranges(at))]
@@ -164,7 +167,7 @@ def _held(structure: Structure, constants: Constants, seen: Array, clock: Array)
 
 @functools.lru_cache(64)
 def _held_alone(alone: Structure, values: bytes, seen: bytes, clock: bytes) -> Array:
-    """The same of a structure with no other terms. Kept, because many structures share such terms."""
+    """Do the same for a structure with no other terms. Cached, because many structures share such terms."""
     until = np.frombuffer(clock)
     state = np.zeros((len(alone.states), len(until)))
     state[: alone.read] = np.frombuffer(seen).reshape(alone.read, -1)
@@ -174,7 +177,7 @@ def _held_alone(alone: Structure, values: bytes, seen: bytes, clock: bytes) -> A
 
 
 def crossing(beyond: Callable[[Array], Array], grid: Array, fine: float, steps: int = _STEPS) -> Array:
-    """Roots of increasing functions by false position. Source: the Illinois algorithm.
+    """Find roots of increasing functions by false position. Source: the Illinois algorithm.
 
     Args:
         beyond: Values at (points, trials), of one function for each trial.
@@ -208,9 +211,9 @@ def crossing(beyond: Callable[[Array], Array], grid: Array, fine: float, steps: 
 
 
 def value_of(question: Question, seen: Array, width: int) -> Array:
-    """The asked number from the final positions and velocities of each body.
+    """Return the requested number from the final positions and velocities of each body.
 
-    For a `push` question it is the distance beyond the asked one, along the direction of the push.
+    For a `push` question it is the distance beyond the requested one, along the direction of the push.
     """
     at = 2 * width * (question.body - 1)
     place, speed = seen[at : at + width], seen[at + width : at + 2 * width]
@@ -231,5 +234,5 @@ def value_of(question: Question, seen: Array, width: int) -> Array:
 
 
 def tolerance(key: Array) -> Array:
-    """Tolerance of an answer."""
+    """Return the tolerance of an answer."""
     return ABS_TOL + REL_TOL * np.abs(key)

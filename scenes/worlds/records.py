@@ -50,11 +50,11 @@ class WorldRecord(_Line):
     index: int = Field(ge=0, lt=LEVEL_IDS)
     split: str
     settings: tuple[str, ...] = ()
-    """Attributes that are not those of its level, such as `terms=4`, as `worlds make --set` takes them."""
+    """Attributes that differ from those of its level, such as `terms=4`, as `worlds make --set` takes them."""
     commitment: str = ""
-    """Commitment to the key that it was drawn with; empty for the worlds that everybody can draw."""
+    """Commitment to the key from which the world was drawn; empty for public worlds."""
     salt: str
-    """Secret text that the noise of instruments depends on."""
+    """Secret text that determines the noise of the instruments."""
     apparatus: Apparatus
     terms: tuple[tuple[str, tuple[str, ...]], ...]
     constants: dict[str, float]
@@ -82,7 +82,7 @@ class WorldRecord(_Line):
 
     @classmethod
     def of(cls, world: DrawnWorld, level: int, index: int, split: str, salt: str, **drawn: Any) -> Self:
-        """The record of an accepted world.
+        """Return the record of an accepted world.
 
         Args:
             world: The world.
@@ -101,17 +101,17 @@ class WorldRecord(_Line):
 
     @property
     def structure(self) -> Structure:
-        """Which terms act."""
+        """Return the structure: the terms of the law."""
         return Structure(self.apparatus, tuple(Term(form, names) for form, names in self.terms), self.radius)
 
     @property
     def told(self) -> Situation:
-        """The information in the prompt: apparatus, limits and instruments."""
+        """Return the information in the prompt: apparatus, limits and instruments."""
         return Situation(self.apparatus, self.radius, self.force, self.looks, self.noise)
 
     @property
     def scene_id(self) -> int:
-        """Its scene id."""
+        """Scene id of the world."""
         return scene_id_of(self.level, self.index)
 
 
@@ -125,11 +125,11 @@ class Certificate(_Line):
     bounds: tuple[float, ...]
     """Smallest standard error of each answer, in tolerances."""
     engine: tuple[float, ...] = ()
-    """Distance of the engine's answers from the key, in tolerances; empty before the engine was asked."""
+    """Distance of the engine's answers from the key, in tolerances; empty before the engine was run."""
     half_step: tuple[float, ...] = ()
-    """The same at half the time step."""
+    """As `engine`, at half the time step."""
     draws: int = 1
-    """How many draws it took."""
+    """Number of draws until one was accepted."""
 
 
 def lines_file(folder: Path, level: int) -> Path:
@@ -153,7 +153,7 @@ def read_records(folder: Path, level: int) -> Iterator[WorldRecord]:
 
 
 def read_record(folder: Path, level: int, index: int) -> WorldRecord | None:
-    """One record of a level; None if there is none. Other lines are not parsed, which saves most of the time.
+    """Return one record of a level; None if there is none. Skips the parsing of other lines, which saves time.
 
     Raises:
         WorldError: As for `read_records`.
@@ -193,7 +193,7 @@ def read_certificates(folder: Path, level: int) -> Iterator[Certificate]:
 
 
 def _read(path: Path, kind: type[_L], marked: str = "") -> Iterator[_L]:
-    """The complete lines of a file, or those that contain a text."""
+    """Return the complete lines of a file, or only those that contain a text."""
     number = 0
     try:
         with path.open(encoding="utf-8") as file:
@@ -216,5 +216,5 @@ def _first(error: ValidationError) -> str:
 
 
 def as_line(record: BaseModel) -> str:
-    """A record or a certificate as a line of a file, without default values and the line feed."""
+    """Serialise a record or a certificate as a line, without default values and the line feed."""
     return json.dumps(record.model_dump(mode="json", exclude_defaults=True), separators=(",", ":"), ensure_ascii=False)

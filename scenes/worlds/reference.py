@@ -28,15 +28,15 @@ from scenes.worlds.reference import protocol
 
 solve = protocol({line!r})
 '''
-"""The text of `solution.py`."""
+"""The content of `solution.py`."""
 _SEED = 5
-"""Seed of the pushes: others than those of the certificate."""
+"""Seed of the pushes, which differs from the certificate's."""
 SEARCH_SECONDS = 60.0
 """Processor time of the search for the terms [s]."""
 
 
 def protocol(line: str) -> Callable[[str], Protocol]:
-    """The protocol of a world, from the line of its record. It does not read the constants."""
+    """Return the protocol of a world, from the line of its record. It does not use the constants."""
     record = WorldRecord.model_validate_json(line)
 
     def solve(_prompt: str) -> Protocol:
@@ -52,7 +52,7 @@ def protocol(line: str) -> Callable[[str], Protocol]:
 def blind_protocol(
     prompt: str, seconds: float = SEARCH_SECONDS, on_predicted: Callable[[Prediction], None] | None = None
 ) -> Protocol:
-    """The protocol of the reference that gets only the grammar and the prompt.
+    """Return the protocol of the reference that gets only the grammar and the prompt.
 
     Args:
         prompt: The opening prompt of a world.
@@ -86,7 +86,7 @@ def _explored(told: Situation) -> Generator[list[Call], list[Reading], Course]:
 
 
 def _leg(told: Situation, push: Array) -> list[Call]:
-    """The calls of a leg: pushes, then readings."""
+    """Return the calls of a leg: pushes, then readings."""
     bodies = [f"object_{body}" for body in range(1, told.bodies + 1)]
     if told.apparatus is Apparatus.WHEEL:
         calls = [call("apply_torque", object_id=bodies[0], torque_vector=[0.0, 0.0, float(push[0])])]
@@ -101,7 +101,7 @@ def _leg(told: Situation, push: Array) -> list[Call]:
 
 
 def _looks(told: Situation, readings: list[Reading]) -> list[Array]:
-    """The values of each reading, in the order of the state."""
+    """Return the values of each reading, in the order of the state."""
     bodies, width = told.bodies, 2 if told.apparatus.flat else 1
     names = ("angle", "angular_velocity") if told.apparatus is Apparatus.WHEEL else ("position", "velocity")
     pairs = [reading for reading in readings if "position" in reading or "velocity" in reading]

@@ -1,7 +1,7 @@
-"""Fits of other structures to the readings of a drawn world, which its certificates ask for.
+"""Fits other structures to the readings of a drawn world, for its certificates.
 
-The readings are fitted leg by leg about the path of the drawn law (`scenes.worlds.weak_form`): to first order that is a
-fit of the whole course, at a small part of its time.
+The readings are fitted leg by leg around the path of the drawn law (`scenes.worlds.weak_form`): to first order this
+equals a fit of the whole course, in a fraction of its time.
 """
 
 from collections.abc import Mapping
@@ -16,9 +16,9 @@ from scenes.worlds.terms import Structure
 from scenes.worlds.weak_form import Legs, named, to_unit
 
 WORSE = 1.5
-"""Mean square of the misfits, in variances of a reading, from which on a fit does not explain the readings."""
+"""Mean square of the misfits, in variances of a reading, above which a fit does not explain the readings."""
 _SMOOTHED = 2
-"""How often the path is smoothed by the drawn law before others are fitted."""
+"""Number of times that the path is smoothed by the drawn law before other structures are fitted."""
 _ROUNDS = 6
 
 
@@ -26,7 +26,7 @@ class Refits:
     """The readings of a drawn world, to which structures are fitted.
 
     Attributes:
-        course: What was held and read.
+        course: Pushes and readings.
         drawn: The fit of the drawn structure.
     """
 
@@ -40,16 +40,16 @@ class Refits:
             self.drawn = self.search.fit(structure, unit, _ROUNDS)
 
     def fitted(self, structure: Structure, constants: Mapping[str, float]) -> Fit:
-        """The fit of a structure from constants."""
+        """Fit a structure, starting from constants."""
         return self.search.fit(structure, units_of(structure, constants), _ROUNDS)
 
     def unexplained(self, structure: Structure, constants: Mapping[str, float]) -> bool:
-        """Whether a structure with these constants leaves the readings of the course unexplained."""
+        """Return whether a structure with these constants does not explain the readings of the course."""
         return not float((retraced(structure, constants, self.told, self.course) ** 2).mean()) < WORSE
 
 
 def units_of(structure: Structure, constants: Mapping[str, float]) -> Array:
-    """The point of the unit cube at which the constants have these values."""
+    """Return the point of the unit cube at which the constants have these values."""
     return np.array([float(to_unit(bounds, constants[name])) for name, bounds in structure.ranges.items()])
 
 

@@ -25,7 +25,7 @@ _CHANCE = math.erfc(EXCLUDED_SIGMAS / math.sqrt(2))
 
 
 def rival_of(refits: Refits, asked: Sequence[Question], key: Array) -> Structure | None:
-    """A structure that explains a course as well as the drawn one, and does not give the key; None if none is found.
+    """Find a structure that explains a course as well as the drawn one but gives other answers; None without one.
 
     Args:
         refits: The readings of the drawn world.
@@ -39,7 +39,7 @@ def rival_of(refits: Refits, asked: Sequence[Question], key: Array) -> Structure
 
 
 def _as_good(rivals: Iterator[Fit], drawn: Fit) -> Iterator[Fit]:
-    """The fits that the rule of `scenes.family` does not exclude in comparison with the drawn law."""
+    """Return the fits that the rule of `scenes.family` does not exclude in comparison with the drawn law."""
     for fit in rivals:
         spared = max(len(drawn.unit) - len(fit.unit), 1)
         if fit.chi_square - drawn.chi_square <= float(chdtri(float(spared), _CHANCE)):
@@ -47,6 +47,6 @@ def _as_good(rivals: Iterator[Fit], drawn: Fit) -> Iterator[Fit]:
 
 
 def _right(fit: Fit, asked: Sequence[Question], key: Array) -> bool:
-    """Whether a rival gives all answers of the key."""
+    """Return whether a rival gives all answers of the key."""
     found = answers(fit.structure, named(fit.structure, fit.unit[:, None]), asked, _STEP_S)[:, 0]
     return bool((np.abs(found - key) <= tolerance(key)).all())

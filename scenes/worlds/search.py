@@ -22,19 +22,21 @@ from scenes.worlds.weak_form import Legs
 _ROUNDS = 8
 _SHIFT = 1e-4
 _OFFERS, _SWAPPED = 10, 6
-"""Terms to add that are worth a fit, and terms to put in place of one."""
+"""Number of terms to add that are fitted, and number of terms that are tried in place of one."""
 _AGREED, _BARRED, _NARROW = 6, 0.6, 2
-"""Most searches in a row that begin anew and change nothing; share of the forms that they do without; their width."""
+"""Number of restarts without a change after which the search ends; share of the forms that a restart excludes; beam
+width of a restart."""
 _PLAIN = 0.5
-"""Share of those searches that have no modulations at first."""
+"""Share of the restarts that begin without modulations."""
 _DEVIATIONS = 3.0
-"""Standard deviations of chi-square above its mean up to which a structure explains the readings."""
+"""A structure explains the readings if chi-square exceeds its mean by at most this many standard deviations."""
 _TOLD = 2
 """Number of times that the path is smoothed with a known structure."""
 _POINTS, _STARTS, _TRIES = 400, 8, 4
-"""Points at which a structure with unknown constants is tried, how many of them are fitted, and how often at most."""
+"""For a structure with unknown constants: number of sampled points, number of them that are fitted, and of
+repetitions."""
 _LEAST_DRIFT = 0.2
-"""Least error of the law in a search, in standard deviations of a reading: transitions leave out what is hidden."""
+"""Smallest model error in a search, in standard deviations of a reading, because transitions neglect hidden states."""
 
 
 @dataclass
@@ -57,9 +59,9 @@ class Search:
     modulations: Sequence[Modulation] | None = None
     seed: int = 0
     about: tuple[Structure, Array] | None = None
-    """A law whose transitions are taken at first; None for one without terms."""
+    """The law whose transitions are used at first; None for one without terms."""
     found: dict[Structure, Fit] = field(default_factory=dict[Structure, Fit])
-    """Every structure that was fitted about the last path."""
+    """Every structure that was fitted around the last path."""
     tried: int = 0
     """Number of fits."""
 
@@ -70,7 +72,7 @@ class Search:
         self._about(self.legs, *(self.about or self._bare))
 
     def run(self) -> list[Fit]:
-        """Run the search; the fitted structures, best first.
+        """Run the search; returns the fitted structures, best first.
 
         The search starts without modulations, because a wrong form with a modulation often hides the right form. It
         restarts without some parts of the best structure until the result is stable, and again while the best structure
@@ -100,7 +102,7 @@ class Search:
         return self.found[structure]
 
     def solve(self, structure: Structure) -> Fit:
-        """Fit a known structure with unknown constants: from the best of many points, then as `tell`."""
+        """Fit a known structure with unknown constants: sample many points, refine the best, then proceed as `tell`."""
         for _ in range(_TRIES):
             units = self._rng.random((len(structure.ranges), _POINTS))
             costs = (self._whitened.misfits(structure, units) ** 2).sum(axis=0)
@@ -119,7 +121,7 @@ class Search:
             self._again(1.0)
 
     def _descend(self, roots: Sequence[Fit], width: int, barred: frozenset[str], *, settle: bool) -> None:
-        """Modify the best structures of a pool until the best ones are all known.
+        """Modify the best structures of a pool until no better one is found.
 
         Args:
             roots: The pool.
@@ -148,22 +150,22 @@ class Search:
 
     @property
     def explained(self) -> bool:
-        """Whether the best structure explains the readings without a model error."""
+        """Return whether the best structure explains the readings without a model error."""
         count = self.legs.course.count
         near = self.best()[0].chi_square < count + _DEVIATIONS * float(np.sqrt(2 * count))
         return near and self.legs.drift <= _LEAST_DRIFT
 
     @property
     def over(self) -> bool:
-        """Whether the time is up."""
+        """Whether the processor time is used up."""
         return time.process_time() - self._begun > self.seconds
 
     def best(self) -> list[Fit]:
-        """The structures that were fitted, the best first."""
+        """Return the structures that were fitted, the best first."""
         return sorted(self.found.values(), key=_score)
 
     def fit(self, structure: Structure, unit: Array, rounds: int) -> Fit:
-        """Fit a structure from a point, and keep the fit if it is the best one of the structure."""
+        """Fit a structure from a point, and store the fit if it is the best one of the structure."""
         whitened = self._whitened
 
         def misfits(units: Array) -> Array:
@@ -176,7 +178,7 @@ class Search:
         return fit
 
     def _fitted(self, structure: Structure, unit: Array) -> Fit:
-        """A structure with constants as they are."""
+        """Return a structure with unchanged constants as a fit."""
         units = unit[:, None] + _SHIFT * np.column_stack([np.zeros(len(unit)), np.eye(len(unit))])
         around = self._whitened.misfits(structure, units)
         slope = (around[:, 1:] - around[:, :1]) / _SHIFT
@@ -208,7 +210,7 @@ class Search:
             self.fit(fit.structure, fit.unit, 4)
 
     def neighbours(self, node: Fit, barred: frozenset[str] = frozenset()) -> Iterator[tuple[Structure, Array]]:
-        """Structures with a part added, removed or replaced, each with initial constants."""
+        """Return structures with a part added, removed or replaced, each with initial constants."""
         parts = node.parts()
         yield from self._candidates.more(node, barred, _OFFERS)
         for at, (term, unit) in enumerate(parts):

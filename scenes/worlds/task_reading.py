@@ -20,7 +20,7 @@ _OPENINGS = {
 _NUMBER = r"-?\d+(?:\.\d+)?(?:e-?\d+)?"
 _VECTOR = rf"\(({_NUMBER}(?:, {_NUMBER})*)\)|({_NUMBER})"
 _WHEEL_RADIUS = 6.0
-"""A wheel has no floor; what stands for one in `Situation`."""
+"""Placeholder for the radius in the `Situation` of a wheel, which has no floor."""
 _ASKED = {
     "the x of": "dx", "the y of": "dy", "the x component of the velocity": "vx", "the y component of": "vy",
     "is the speed of": "speed", "has its angle grown": "dq", "has its x grown": "dq", "is its spin": "u",
@@ -29,7 +29,7 @@ _ASKED = {
 
 
 def situation_of(prompt: str) -> Situation:
-    """The apparatus, limits and instruments of a prompt.
+    """Parse the apparatus, limits and instruments of a prompt.
 
     Raises:
         WorldError: The prompt is not that of a world.
@@ -70,7 +70,7 @@ def _number(text: str, pattern: str) -> float:
 
 
 def _vector(text: str, before: str, size: int) -> list[float]:
-    """The numbers that follow a phrase; zeros if the phrase is missing."""
+    """Return the numbers that follow a phrase; zeros if the phrase is missing."""
     found = re.search(rf"(?:{before}) (?:{_VECTOR})", text)
     return [float(number) for number in (found[1] or found[2]).split(", ")] if found else [0.0] * size
 
@@ -105,7 +105,7 @@ def _direction(text: str, size: int) -> list[float]:
 
 
 def _options(text: str) -> tuple[str, ...]:
-    """The forms of the options of a `which` question, from their sentences in the task."""
+    """Return the forms of the options of a `which` question, from their sentences in the task."""
     named = {form.says: name for name, form in FORMS.items()}
     listed = text.partition("perhaps with factors. ")[2].partition(" Which one?")[0].removesuffix(".")
     says = [part.partition(": ")[2] for part in re.split(r"; (?=\d+: )", listed)]

@@ -1,4 +1,4 @@
-"""The texts of a world's task, which differ between worlds of an apparatus only in limits and questions."""
+"""Writes the task of a world. Tasks of one apparatus differ only in limits and questions."""
 
 from collections.abc import Sequence
 
@@ -101,7 +101,7 @@ def task_of(record: WorldRecord) -> str:
 
 
 def _family(apparatus: Apparatus) -> str:
-    """Sentences about the possible terms of an apparatus."""
+    """Return sentences about the possible terms of an apparatus."""
     pair, wheel = apparatus is Apparatus.PAIR, apparatus is Apparatus.WHEEL
     return _FAMILY.format(
         it=_IT[apparatus],
@@ -121,7 +121,7 @@ def _family(apparatus: Apparatus) -> str:
 
 
 def asked_of(apparatus: Apparatus, question: Question) -> tuple[str, str, str]:
-    """The sentence that asks for the number, its unit and its label."""
+    """Return the sentence that asks for the number, its unit and its label."""
     wheel = apparatus is Apparatus.WHEEL
     it = _name(apparatus, question.body)
     match question.what:
@@ -148,13 +148,13 @@ def _name(apparatus: Apparatus, body: int) -> str:
 
 
 def _asked(apparatus: Apparatus, question: Question) -> str:
-    """The text of a question: its situation, if it has one, and what is asked."""
+    """Return the text of a question: its situation, if it has one, and the requested number."""
     sentence = asked_of(apparatus, question)[0]
     return sentence if question.options else f"{_situation(apparatus, question)} {sentence}"
 
 
 def _situation(apparatus: Apparatus, question: Question) -> str:
-    """The text of a situation, up to the moment at which its number is asked."""
+    """Return the text of a situation, up to the moment for which the number is requested."""
     width = 2 if apparatus.flat else 1
     bodies = range(1, len(question.place) // width + 1)
     parts = [slice(width * (body - 1), width * body) for body in bodies]

@@ -9,10 +9,10 @@ from scenes.worlds.catalogue import FORMS, MODULATIONS
 from scenes.worlds.parts import Apparatus, Form, Modulation, Range
 
 START_M = 1.5
-"""How far from the middle the pucks of a pair lie at the start [m]."""
+"""Distance from the middle at which the pucks of a pair start [m]."""
 MASS = Range(0.8, 2.0, "log", "kg")
 _CONSTANT = re.compile(r"([A-Za-z]+)(\d+)(?:m(\d+))?")
-"""Name of a constant, place of its term, number of its modulation."""
+"""Pattern of a constant's name: its base name, the index of its term, and the index of its modulation."""
 
 
 @dataclass(frozen=True, slots=True, order=True)
@@ -38,27 +38,27 @@ class Term:
         return " * ".join((self.form, *self.modulations))
 
     def ranges(self, at: int) -> dict[str, Range]:
-        """Its constants, with names for an index among the terms."""
+        """Return its constants, with names that contain an index of the term."""
         found = {name.replace("#", str(at)): bounds for name, bounds in self.kind.constants.items()}
         for number, part in enumerate(self.factors):
             found |= {name.replace("#", f"{at}m{number}"): bounds for name, bounds in part.constants.items()}
         return found
 
     def written(self, at: int) -> tuple[dict[str, str], tuple[str, ...], tuple[str, ...]]:
-        """Intermediate quantities, components of the acceleration, and factors, in local names."""
+        """Return intermediate quantities, components of the acceleration, and factors, in local names."""
         let = {name: text.replace("#", str(at)) for name, text in self.kind.let.items()}
         force = tuple(text.replace("#", str(at)) for text in self.kind.force)
         factors = tuple(part.factor.replace("#", f"{at}m{number}") for number, part in enumerate(self.factors))
         return let, force, factors
 
     def hidden_at(self, at: int) -> tuple[str, ...]:
-        """Components of the acceleration of its hidden body, in local names; none without one."""
+        """Return components of the acceleration of its hidden body, in local names; none without a hidden body."""
         return tuple(text.replace("#", str(at)) for text in self.kind.hidden)
 
 
 @dataclass(frozen=True)
 class Structure:
-    """Which terms act on which apparatus.
+    """The terms that act on an apparatus.
 
     Attributes:
         apparatus: The bodies that can be pushed.
@@ -108,7 +108,7 @@ class Structure:
 
     @property
     def timed(self) -> bool:
-        """Whether the clock matters."""
+        """Whether the law depends on time."""
         return any(part.group == "time" for term in self.terms for part in (term.kind, *term.factors))
 
     @functools.cached_property
@@ -121,7 +121,7 @@ class Structure:
 
     @property
     def start(self) -> tuple[float, ...]:
-        """The initial state: all at rest at 0, except that the pucks of a pair are apart."""
+        """The initial state: all at rest at 0, except that the pucks of a pair start apart."""
         apart = (-START_M, 0.0, 0.0, 0.0, START_M, 0.0, 0.0, 0.0) if self.apparatus is Apparatus.PAIR else ()
         return (*apart, *(0.0,) * (len(self.states) - len(apart)))
 
@@ -137,13 +137,13 @@ class Structure:
 
     @property
     def parts(self) -> tuple[tuple[int, int | None], ...]:
-        """Index of each term, with the number of each of its modulations, or None for the form."""
+        """Return the index of each term, with the index of each of its modulations, or None for the form."""
         return tuple(
             (at, number) for at, term in enumerate(self.terms) for number in (None, *range(len(term.modulations)))
         )
 
     def acts_on(self, term: Term, body: int) -> bool:
-        """Whether a term acts on a body; those of pairs and with hidden bodies act on the first one alone."""
+        """Return whether a term acts on a body. Terms of pairs and with hidden bodies act on the first one only."""
         return body == 1 or term.kind.group not in {"pair", "body"}
 
     def without(self, at: int, modulation: int | None) -> "tuple[Structure, Callable[[str], str | None]]":

@@ -30,19 +30,19 @@ from scenes.worlds.terms import Structure, Term
 
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(4)
 _AT: Array = np.concatenate([[0.0], (_NODES + 1) / 2])
-"""Places of the points of a leg, as shares of it: its begin, then those of a Gauss quadrature."""
+"""Positions of the points of a leg, as fractions of its duration: its start, then those of a Gauss quadrature."""
 _SHIFT = 1e-5
-"""Difference from which the transition of a leg is found [m, m/s]."""
+"""Step of the finite difference for the transition of a leg [m, m/s]."""
 _FAR = 1e3
-"""Greatest misfit of a leg that counts, in standard deviations."""
+"""Largest misfit of a leg, in standard deviations; larger ones are clipped."""
 _PULL = 0.3
-"""Weight of a pull to the middle of the unit cube."""
+"""Weight of the regularisation towards the middle of the unit cube."""
 _DRIFTS = (0.02, *np.geomspace(0.1, 300.0, 12))
-"""Sizes of the error of a law that are tried, in standard deviations of a reading a leg."""
+"""Candidate sizes of the model error, in standard deviations of a reading per leg."""
 
 
 def box_of(bounds: Range) -> tuple[float, float]:
-    """The search range of a constant: that of a fit, except that angles are unbounded."""
+    """Return the search range of a constant: that of a fit, except that angles are unbounded."""
     low, high = searched(bounds)
     if bounds.scale == "angle":
         half = (high - low) / 2
@@ -51,19 +51,19 @@ def box_of(bounds: Range) -> tuple[float, float]:
 
 
 def to_value(bounds: Range, unit: Any) -> Any:
-    """The value of a constant at a point of its box."""
+    """Return the value of a constant at a point of its box."""
     low, high = box_of(bounds)
     return low * (high / low) ** unit if low > 0 else low + (high - low) * unit
 
 
 def to_unit(bounds: Range, value: Any) -> Any:
-    """The point of its box at which a constant has a value."""
+    """Return the point of its box at which a constant has a value."""
     low, high = box_of(bounds)
     return np.log(np.maximum(value, 1e-9) / low) / math.log(high / low) if low > 0 else (value - low) / (high - low)
 
 
 def named(structure: Structure, units: Array) -> dict[str, Any]:
-    """The constants of a structure at points of the unit cube; a column for each point."""
+    """Return the constants of a structure at points of the unit cube; a column for each point."""
     return {name: to_value(bounds, unit) for (name, bounds), unit in zip(structure.ranges.items(), units, strict=True)}
 
 
@@ -85,7 +85,7 @@ class Legs:
 
     @classmethod
     def of(cls, course: Course, told: Situation) -> "Legs":
-        """The legs about the readings themselves."""
+        """Return the legs linearised around the readings themselves."""
         bare = Structure(told.apparatus, (), told.radius)
         return cls(course, told, np.vstack([np.array(bare.start)[: bare.read], course.readings]))
 
@@ -95,7 +95,7 @@ class Legs:
 
     @functools.cached_property
     def begun(self) -> Array:
-        """When each leg begins [s]."""
+        """Start time of each leg [s]."""
         return np.cumsum(self.course.durations) - self.course.durations
 
     def _along(self, shares: Array) -> Array:
@@ -120,12 +120,12 @@ class Legs:
 
     @functools.cached_property
     def _between(self) -> Array:
-        """The path at the midpoint between two points."""
+        """Return the path at the midpoint between two points."""
         return self._along((_AT + np.append(_AT[1:], 1.0)) / 2)
 
     @functools.cached_property
     def _way(self) -> Array:
-        """Path length and speed of the first body at each point."""
+        """Return path length and speed of the first body at each point."""
         speed = np.linalg.norm(self._points[self._width : 2 * self._width], axis=0)
         gone = np.append(0.0, np.cumsum(np.diff(self._times) * (speed[1:] + speed[:-1]) / 2))
         return np.array([np.maximum(gone - speed / ODO_RATE, 0.0), speed])
@@ -138,7 +138,7 @@ class Legs:
         found = np.zeros((size, len(self._times), trials))
 
         def moved(knobs: Mapping[str, Any], hidden: Array, places: Sequence[Array], h: Any) -> Array:
-            """The state of the hidden body after a gap, from the places at its begin, its middle and its end."""
+            """Return the hidden body's state after an interval, from positions at its start, middle and end."""
 
             def rate(place: Array, now: Array) -> Array:
                 state = np.zeros((seen + size, now.shape[1]))
@@ -213,7 +213,7 @@ class Legs:
         return end[: structure.read].transpose(1, 0, 2)
 
     def about(self, structure: Structure, unit: Array) -> "Whitened":
-        """The legs with the transitions of a law."""
+        """Return the legs with the transitions of a law."""
         size = structure.read
         constants = named(structure, np.repeat(unit[:, None], size + 1, axis=1))
         shift = _SHIFT * np.column_stack([np.zeros(size), np.eye(size)])
@@ -223,7 +223,7 @@ class Legs:
         return Whitened(self, slopes)
 
     def columns(self, term: Term, constants: Mapping[str, Any], trials: int) -> Array:
-        """Change of the readable state at the end of each leg by a term; shape (legs × read, trials)."""
+        """Return the change of the readable state at the end of each leg by a term; shape (legs × read, trials)."""
         structure = Structure(self.told.apparatus, (term,), self.told.radius)
         legs, inner = len(self.course.durations), len(_AT) - 1
         points = (np.arange(legs)[:, None] * len(_AT) + np.arange(1, len(_AT))).ravel()
@@ -243,7 +243,7 @@ class Legs:
 
 @functools.lru_cache(64)
 def _is_linear(structure: Structure) -> bool:
-    """Whether there is one term, whose hidden body obeys equations linear in the states of both bodies."""
+    """Return whether there is one term, whose hidden body obeys equations linear in the states of both bodies."""
     rng = np.random.default_rng(0)
     one = rng.standard_normal(len(structure.states))
     states = np.column_stack([one, 2 * one, -one])

@@ -19,8 +19,7 @@ _LARGE = 12.0
 """An object this many times larger than any movable one counts as surroundings, such as a floor."""
 _FAR = 60.0
 """A view this many times wider than the smallest movable object would show it too small; farther objects are
-omitted.
-"""
+omitted."""
 
 
 def staged(mjcf: str) -> tuple[mujoco.MjModel, mujoco.MjData]:

@@ -12,9 +12,9 @@ AZIMUTH_DEG, ELEVATION_DEG = 106.0, -15.0
 FIELD_DEG = 30.0
 """Vertical field of view."""
 _ROUND_ALL, _ROUND_ONE = 1.2, 2.5
-"""How much of a larger fixture is shown around the things: a multiple of their extent, or of the largest one's size."""
+"""How much of a larger fixture is shown: a multiple of the objects' extent, or of the largest object's size."""
 _FILLED, _ALONE = 0.86, 0.5
-"""Share of the picture that things may fill, and that a single thing with nothing around it may fill."""
+"""Share of the image that objects may fill, and that a single object without surroundings may fill."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -26,15 +26,12 @@ WIDTH, HEIGHT = 960, 640
 _ROOM = 1.18
 """Factor on the camera's distance that leaves room for labels."""
 _SUN = np.array((0.45, 0.5, -1.0))
-"""Direction of the light: from the left, the front and above. (_FRAMES, _SUN_SPREAD): | Number of frames that are
-averaged, and the radius of the sun as a tangent. Each frame has another light position and a subpixel shift, which
-gives soft shadows and smooth edges. (SKY, GROUND): | Colours of the background: red, green and blue, 0 to 1.
-"""
+"""Direction of the light: from the left, the front and above."""
 _FRAMES, _SUN_SPREAD = 24, 0.06
-"""Frames whose mean is the plate, and the radius of the sun as a tangent. Each frame has the light at another place and
-is moved by a part of a pixel, so that shadows are soft and edges smooth."""
+"""Number of frames that are averaged, and the radius of the sun as a tangent. Each frame has another light position and
+a subpixel shift, which gives soft shadows and smooth edges."""
 SKY, GROUND = (0.80, 0.88, 0.97), (0.93, 0.94, 0.955)
-"""Colours of what is no part of a scene: red, green and blue, 0 to 1."""
+"""Colours of the background: red, green and blue, 0 to 1."""
 _GRID = (0.80, 0.825, 0.86)
 _CELLS = 9.0
 """Smallest number of grid cells across the image."""

@@ -4,7 +4,6 @@ The agent simulates a model: it waits for a fixed time, then calls two tools, an
 the total waiting time of one conversation. Two times are compared with it: from the opening of the first conversation
 to the end of the last, and that of the whole command `physment-eval run`, with start-up, grades and report.
 python -m tests.harness.bench.many_episodes [--episodes N] [--turns N] [--thinking S] [--workers N]
-(_TURNS, _THINKING): | Environment variables that configure the agent; worker processes load it by its class name.
 """
 
 import argparse
@@ -26,7 +25,7 @@ from evaluator.store.run_folder import RunFolder
 
 ROOT = Path(__file__).parents[3]
 _TURNS, _THINKING = "BENCH_TURNS", "BENCH_THINKING_S"
-"""Environment variables that tell the agent, which other processes load by its name."""
+"""Environment variables that configure the agent; worker processes load it by its class name."""
 
 
 @dataclass(frozen=True)

@@ -1,7 +1,6 @@
 """Plays the episode that the README shows, and writes it as a transcript of at most 20 lines.
 
 Its scene, twelve ramps, is a pack beside this file and not one of the suite, so the README discloses nothing.
-(SCENE, SEED): | No scene of the suite has this number, so pictures and texts do not show it.
 """
 
 import subprocess
@@ -16,7 +15,7 @@ from evaluator.records.episode import Episode, Exchange, GradeRecord
 
 PACKS = Path(__file__).parent / "packs"
 SCENE, SEED = 904, 1
-"""The number is of no scene of the suite, so pictures and texts do not show it."""
+"""No scene of the suite has this number, so pictures and texts do not show it."""
 RAMPS = 12
 SLIDES = 0.01
 """Momentum of 1 kg [kg·m/s] above which the slider counts as sliding; the scene's `solution.py` uses the same value."""

@@ -1,7 +1,6 @@
 """Draws the scene of the README: all four measurements in one picture, and below each ramp its reading.
 
 Set MUJOCO_GL before importing this module.
-(WIDTH, STRIP_TOP, STRIP_HEIGHT, ROWS_TOP, ROW): | Layout of the picture [px]; the strip shows the row of ramps.
 """
 
 # MuJoCo ships no type stubs.
@@ -22,7 +21,7 @@ from tests.harness.front_page.episode import RAMPS, Measurement, measurements, r
 from tests.harness.front_page.exposure import exposure
 
 WIDTH, STRIP_TOP, STRIP_HEIGHT, ROWS_TOP, ROW = 800, 40, 84, 160, 34
-"""Parts of the picture [px]; the strip is the row of ramps."""
+"""Layout of the picture [px]; the strip shows the row of ramps."""
 STRIP_LEFT, STRIP_WIDTH = 106, 694
 SHOWN_M = 12.4
 """Width of the part of the world that the strip shows [m]; the ramps stand 1 m apart."""

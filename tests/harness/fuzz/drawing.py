@@ -1,7 +1,6 @@
 """Draws random tool calls: most fit their schemas, the others violate them in every way that JSON allows.
 
 Knows the published schemas, and the ids and limits of a session. Judges no results.
-(_FEW, _CROWD): | Numbers of created objects above which steps are kept short and very short: crowded steps are slow.
 """
 
 import functools
@@ -28,7 +27,7 @@ _DISABLED_WEIGHT = 0.1
 _MISCHIEF = 0.3
 """Share of calls that are made invalid."""
 _FEW, _CROWD = 3, 10
-"""Created objects above which steps are kept short, and very short, because every step of a crowd is slow."""
+"""Numbers of created objects above which steps are kept short and very short: crowded steps are slow."""
 _NO_TOOLS = ("", "Step", "step ", "get_position\x00", "__class__", "reset", "𝚜𝚝𝚎𝚙", "s" * 65, "create-objects")
 _TEXTS = (
     "", " ", "object_1", "object_01", "OBJECT_1", "object_1 ", "object_1\x00", "1", "01", "-1", "1.0", "٣", "object_٣",
