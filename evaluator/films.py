@@ -23,6 +23,7 @@ from evaluator.errors import InfrastructureError, UsageError
 from evaluator.records.episode import Episode, EpisodeKey
 from evaluator.report.film_record import Film
 from evaluator.study.forking import described
+from physment_mcp.contract.last_read import Reading, read_after
 
 TURN = 1 / 2048
 """Resolution of the components of quaternions, about 0.06 degrees."""
@@ -166,11 +167,25 @@ async def film_of(episode: Episode, opens: Opens, record_sha256: str, *, reveale
     looks = iter(camera.looks)
     instant = 0
     calls = [[instant := next(looks) if one.returned else instant for one in turn.exchanges] for turn in episode.turns]
-    seen = reel(camera.instants, camera.drawings)
+    seen = reel(camera.instants, camera.drawings) | {"read": list(_changes(episode, camera.drawings))}
     try:
         return Film.model_validate({"episode": record_sha256, "revealed": revealed, "calls": calls, **seen})
     except ValidationError as error:
         raise UsageError(f"{described(episode.key)} gives no film: {error.errors()[0]['msg']}") from error
+
+
+def _changes(episode: Episode, drawings: Sequence[Mapping[str, Any]]) -> Iterator[tuple[int, Mapping[str, Reading]]]:
+    """Yield the calls, counted over all turns, that change what was read last of objects that some drawing lacks."""
+    always = set[str].intersection(*({body["id"] for body in drawing["bodies"]} for drawing in drawings))
+    read: Mapping[str, Reading] = {}
+    exchanges = (exchange for turn in episode.turns for exchange in turn.exchanges)
+    for number, exchange in enumerate(exchanges):
+        if not exchange.returned or exchange.is_error or exchange.content is None:
+            continue
+        before, read = read, read_after(read, exchange.call.tool, exchange.call.arguments, exchange.content)
+        read = {name: reading for name, reading in read.items() if name not in always}
+        if read != before:
+            yield number, read
 
 
 def _refuse_other_returns(stored: Episode, now: Episode) -> None:

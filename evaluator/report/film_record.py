@@ -56,10 +56,28 @@ class DrawnBody(Record):
         return self
 
 
+class DrawnCourse(Record):
+    """A cord, spring, rod, rail or pulley of the task, which is no body of the model."""
+
+    kind: Literal["cord", "spring", "rod", "rail", "pulley"]
+    points: Annotated[tuple[_Name | _Triple, ...], Field(min_length=1, max_length=100)]
+    """Objects, for their middles, and places [m]."""
+
+
 class Drawing(Record):
     """All bodies that are visible at the same time."""
 
     bodies: tuple[DrawnBody, ...]
+    schematic: tuple[DrawnCourse, ...] = Field(default=(), exclude_if=is_absent)
+
+
+class PlaceRead(Record):
+    """Where an object was when a call last returned its place."""
+
+    position: _Triple
+    angle: float | None = Field(default=None, exclude_if=lambda angle: angle is None)
+    """About its joint [rad]; absent if it was not returned."""
+    time: float
 
 
 class Film(Record):
@@ -72,6 +90,8 @@ class Film(Record):
     """Whether the film also shows objects that the agent could not see; absent if not."""
     calls: tuple[tuple[_Index, ...], ...]
     """For each call of each turn, the index of the instant after it."""
+    read: tuple[tuple[_Index, dict[_Name, PlaceRead]], ...] = Field(default=(), exclude_if=is_absent)
+    """From which call on, counted over all turns, what was read last of objects that are not drawn."""
     drawings: tuple[Drawing, ...]
     cuts: tuple[tuple[_Index, _Index], ...]
     """Instants at which the drawing changes, with the index of the new drawing."""
@@ -98,6 +118,9 @@ class Film(Record):
             yield f"it holds more than {MOST_NUMBERS} numbers"
         if any(instant >= self.count for turn in self.calls for instant in turn):
             yield "a call returned after its end"
+        changes = [call for call, _ in self.read]
+        if any(a >= b for a, b in pairwise([*changes, sum(map(len, self.calls))])):
+            yield "its readings are in no order"
         instants = [instant for instant, _ in self.cuts]
         if instants[:1] != [0] or instants[-1] >= self.count or any(a >= b for a, b in pairwise(instants)):
             yield "its cuts are in no order"

@@ -16,6 +16,7 @@ from mcp.server.lowlevel import Server
 from mcp.shared.exceptions import MCPError
 from pydantic_core import to_json
 
+from physment_mcp.contract.last_read import read_after
 from physment_mcp.contract.names import GONE, VIEW, VIEW_URI
 from physment_mcp.errors import EpisodeGone, RefusedCall, SceneError, quoted
 from physment_mcp.serving import lab_app
@@ -160,10 +161,11 @@ class _Service:
                 f"{params.name[:MAX_NAME]} failed inside the laboratory and was rolled back; try something else"
             )
         written = result.model_dump(mode="json")
+        self._slot.read = read_after(self._slot.read, params.name, arguments, written)
         content: list[types.ContentBlock] = [types.TextContent(type="text", text=to_json(written).decode())]
         if self._slot.frames is not None and params.name in SHOWING_TOOLS:
             content += await frame_with(self._slot.frames)
-        view = await view_with(session, self._slot.visibility, states) if viewed else None
+        view = await view_with(session, self._slot.visibility, states, self._slot.read) if viewed else None
         return types.CallToolResult(
             content=content,
             structured_content=written,
@@ -260,7 +262,10 @@ class _Service:
         async with self._slot.turns.exclusive:
             if shows_app and uri == VIEW_URI:
                 session = self._slot.session
-                return lab_app.view_page(None if session is None else await view_with(session, self._slot.visibility))
+                found = (
+                    None if session is None else await view_with(session, self._slot.visibility, (), self._slot.read)
+                )
+                return lab_app.view_page(found)
             try:
                 return read(self._slot, uri)
             except LookupError as error:

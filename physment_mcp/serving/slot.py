@@ -7,7 +7,7 @@ handlers, transports or file access.
 
 import json
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import NamedTuple
@@ -15,6 +15,7 @@ from typing import NamedTuple
 import mcp_types as types
 from pydantic_core import to_json
 
+from physment_mcp.contract.last_read import Reading
 from physment_mcp.errors import EpisodeGone, EpisodeOver
 from physment_mcp.scene import Scene
 from physment_mcp.serving.frames import Frames
@@ -177,6 +178,8 @@ class EpisodeSlot:
         self.gone = gone
         self.turns = Turns(scheduler)
         self.log = CallLog()
+        self.read: Mapping[str, Reading] = {}
+        """Last reading of the place of each object that results of this episode named."""
         self.frames: Frames | None = None
         self._watch = watch
         self._find_visibility = find_visibility
@@ -209,6 +212,7 @@ class EpisodeSlot:
         self.session, self.frames = session, frames
         # With a limit, the log is the record of the episode for its owner, so it must be complete.
         self.log = CallLog(kept=KEPT_CALLS if session.max_calls is None else None)
+        self.read = {}
 
     def close(self, gone: str) -> None:
         """Release the episode: its model and state take a megabyte that the garbage collector does not count.
@@ -216,7 +220,7 @@ class EpisodeSlot:
         Args:
             gone: The reply to further calls, which says why the episode no longer exists.
         """
-        self.session, self.frames, self.gone, self.log = None, None, gone, CallLog()
+        self.session, self.frames, self.gone, self.log, self.read = None, None, gone, CallLog(), {}
 
     def open_session(self) -> Session:
         """Return the open episode.

@@ -14,6 +14,7 @@ import anyio
 import anyio.to_thread
 import mcp_types as types
 
+from physment_mcp.contract.last_read import Reading
 from physment_mcp.serving.frames import Frames
 from physment_mcp.session import LabObject, Session
 from physment_mcp.tools.episode import STEP
@@ -25,6 +26,7 @@ logger = logging.getLogger(__name__)
 
 T = TypeVar("T")
 
+_NONE: Mapping[str, Reading] = {}
 MOST_INSTANTS = 120
 """Approximate number of instants in the motion of a step."""
 
@@ -41,27 +43,41 @@ def recorded(session: Session, tool: str, arguments: Mapping[str, Any]) -> Gener
         yield states
 
 
-def view_of(session: Session, visibility: Visibility, states: Sequence[Array] = ()) -> dict[str, Any]:
+def view_of(
+    session: Session,
+    visibility: Visibility,
+    states: Sequence[Array] = (),
+    read: Mapping[str, Reading] = _NONE,
+) -> dict[str, Any]:
     """Return the current view.
 
     Args:
         session: The episode.
         visibility: The visibility of its scene.
         states: States that `recorded` yielded for the call just made.
+        read: Last reading of the place of each object, from the results of calls.
 
     Returns:
-        `time` [s]; `drawing`: bodies as `{"id", "object", "movable", "parts"}`; `poses`: object → position [m]
-        and quaternion, as 7 numbers; with states also `motion`: `times` [s] and `poses`, such a list for each time, of
-        the objects that moved. Fixtures have no pose, because their parts are given in the world frame.
+        `time` [s]; `drawing`: bodies as `{"id", "object", "movable", "parts"}` and the `schematic` of the pack, if it
+        has one; `poses`: object → position [m] and quaternion, as 7 numbers; with states also `motion`: `times` [s] and
+        `poses`, such a list for each time, of the objects that moved. Fixtures have no pose, because their parts are
+        given in the world frame. `read` holds the last readings of objects that are not drawn, if there are any.
     """
     visible = visibility.now(session)
     bodies = bodies_of(session, visible)
     view = {
         "time": session.world.time,
-        "drawing": {"bodies": [_drawing(body) for body in bodies]},
+        "drawing": {"bodies": [_drawing(body) for body in bodies]} | _schematic(session),
         "poses": {body.name: body.pose for body in bodies if body.pose},
     }
+    unseen = {item.object_id for item in session.known()} - {body.name for body in bodies}
+    view |= {"read": found} if (found := {name: one for name, one in read.items() if name in unseen}) else {}
     return view | ({"motion": _motion(session, _drawn(visible, bodies), states)} if states else {})
+
+
+def _schematic(session: Session) -> dict[str, Any]:
+    parts = session.scene.public.schematic
+    return {"schematic": [part.model_dump(mode="json") for part in parts]} if parts else {}
 
 
 def _drawn(visible: Visible, bodies: Sequence[ShownBody]) -> list[LabObject]:
@@ -97,10 +113,13 @@ async def frame_with(frames: Frames) -> list[types.ImageContent]:
 
 
 async def view_with(
-    session: Session, find_visibility: Callable[[Session], Visibility], states: Sequence[Array] = ()
+    session: Session,
+    find_visibility: Callable[[Session], Visibility],
+    states: Sequence[Array] = (),
+    read: Mapping[str, Reading] = _NONE,
 ) -> dict[str, Any] | None:
     """Return the view after a finished call, or the current one; None if that fails. Arguments as for `view_of`."""
-    return await _made(lambda: view_of(session, find_visibility(session), states), "view")
+    return await _made(lambda: view_of(session, find_visibility(session), states, read), "view")
 
 
 async def _made(make: Callable[[], T | None], what: str) -> T | None:

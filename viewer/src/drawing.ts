@@ -27,10 +27,15 @@ export interface Body {
   parts: Part[];
 }
 
+/** A part of the task that is no body of the model; its points are places in the world [m] and middles of objects. */
+export interface Course {
+  kind: "cord" | "spring" | "rod" | "rail" | "pulley";
+  points: (string | Triple)[];
+}
+
 export interface Drawing {
   bodies: Body[];
-  /** Lines through points in the world frame, such as strings. */
-  lines?: Triple[][];
+  schematic?: Course[];
 }
 
 /** Position [m] and orientation: x, y, z, qw, qx, qy, qz. */
@@ -38,6 +43,18 @@ export type Pose = [number, number, number, number, number, number, number];
 
 /** Body → pose. A body without one has its parts in the world frame. */
 export type Poses = Record<string, Pose>;
+
+/** What a call returned last of the place of an object. */
+export interface Reading {
+  position: Triple;
+  /** About its joint [rad]. */
+  angle?: number;
+  /** Simulation clock [s]. */
+  time: number;
+}
+
+/** Object → its last reading. */
+export type Readings = Record<string, Reading>;
 
 export interface Motion {
   /** Instants [s], ascending. */
@@ -53,6 +70,8 @@ export interface View {
   drawing: Drawing;
   poses: Poses;
   motion?: Motion;
+  /** Last readings of objects that are not drawn. */
+  read?: Readings;
 }
 
 /** Key of the view in `_meta` of a result. */

@@ -1,13 +1,13 @@
 /** A film in a notebook: the laboratory in motion, beside it the calls of the turn, below it the time. */
 
-import type { Drawing, Poses } from "./drawing.js";
+import type { Drawing, Poses, Readings } from "./drawing.js";
 import { ChartCursors } from "./chart_cursors.js";
 import { FilmCourse, SPEEDS } from "./film_course.js";
-import { canDraw, LabView } from "./lab_view.js";
-import { element } from "./markup.js";
+import { LabView } from "./lab_view.js";
+import { canDraw, element } from "./markup.js";
 import type { Reel } from "./reel.js";
 import { Schematic } from "./schematic.js";
-import { NOTHING, placeInWords } from "./words.js";
+import { NOTHING, placeInWords, schematicInWords } from "./words.js";
 
 /** Instants that the camera keeps in view. */
 const FRAMED = 12;
@@ -16,6 +16,8 @@ const REVEALED = "Made with --reveal: this film also shows what its agent could 
 const AT_REST =
   "Only what stands still may be seen here: what moves is hidden, or what would show it is withheld or differs from" +
   " case to case.";
+const READ =
+  "What moves may be read here but not watched: a dashed ring stands where each object was read last.";
 const HELP =
   "Space plays, comma and full stop go from call to call, brackets from turn to turn. Drag or arrow keys turn the" +
   " picture, + and − zoom.";
@@ -40,6 +42,7 @@ export class FilmPlayer {
   private readonly pointed = element("p", { class: "film-pointed" });
   private drawn: Drawing | null = null;
   private shownTurn = -1;
+  private read: Readings = {};
 
   constructor(
     private readonly place: HTMLElement,
@@ -47,7 +50,7 @@ export class FilmPlayer {
   ) {
     this.course = new FilmCourse(reel, () => this.update());
     const flat = !canDraw();
-    const notes = [flat ? OUTLINE : "", reel.film.revealed ? REVEALED : "", unseen(reel)];
+    const notes = [flat ? OUTLINE : "", reel.film.revealed ? REVEALED : "", unseen(reel), schematicInWords(reel.everything())];
     const said = notes.filter(Boolean).map((text) => element("p", { class: "film-note" }, text));
     const stage = element("div", { class: "film-stage" }, this.box, this.side);
     this.panel.append(stage, this.controls(), this.pointed, ...said);
@@ -116,7 +119,7 @@ export class FilmPlayer {
       this.reel.poses(Math.round((index * this.reel.end) / (FRAMED - 1))),
     );
     this.picture.setDrawing(this.reel.everything());
-    this.picture.frame(moments);
+    this.picture.frame(moments, this.reel.places());
   }
 
   private update(): void {
@@ -127,6 +130,8 @@ export class FilmPlayer {
       this.drawn = drawing;
       this.picture.setDrawing(drawing, true);
     }
+    const read = reel.read(course.current + 1);
+    if (read !== this.read) this.picture.setRead((this.read = read));
     this.picture.show(poses);
     this.cursors.place(course.time);
     const call = course.calls[course.current];
@@ -197,5 +202,6 @@ export class FilmPlayer {
 /** Why little or nothing is drawn; empty if something that can move is. */
 function unseen(reel: Reel): string {
   if (reel.film.bodies.length > 0) return "";
+  if (reel.places().length > 0) return READ;
   return reel.everything().bodies.length > 0 ? AT_REST : NOTHING;
 }

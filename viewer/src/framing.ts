@@ -18,6 +18,9 @@ const ALONE = 0.5;
 const LARGE = 12;
 /** A view this many times wider than the smallest moving object shows it too small; farther things are left out. */
 const FAR = 60;
+/** Half edge of a mark, as a share of the largest distance, and if there is none [m]. */
+const MARK = 0.035;
+const ALONE_M = 0.05;
 
 export interface Camera {
   /** The point to look at [m]. */
@@ -51,9 +54,10 @@ const UP: Triple = [
  * @param drawing - What is drawn.
  * @param moments - The poses at each of them; at least one.
  * @param aspect - Width of the picture over its height.
+ * @param marks - Further places to show [m].
  */
-export function cameraFor(drawing: Drawing, moments: Poses[], aspect: number): Camera {
-  const subject = subjectOf(drawing, moments);
+export function cameraFor(drawing: Drawing, moments: Poses[], aspect: number, marks: Points = []): Camera {
+  const subject = subjectOf(drawing, moments, marks);
   if (subject.things.length === 0) return { centre: [0, 0, 0], distance: 4, extent: 2, floor: 0 };
   const low = bound(subject.things, Math.min);
   const high = bound(subject.things, Math.max);
@@ -95,15 +99,17 @@ interface Subject {
   size: number;
 }
 
-function subjectOf(drawing: Drawing, moments: Poses[]): Subject {
+function subjectOf(drawing: Drawing, moments: Poses[], marks: Points): Subject {
+  const fixed = (drawing.schematic ?? []).map((course) => course.points.filter((point) => typeof point !== "string"));
   const boxes = drawing.bodies.flatMap((body) => moments.flatMap((poses) => boxesOf(body, poses[body.id])));
+  boxes.push(...marksOf(marks, [...boxes.flatMap((box) => (box.endless ? [] : box.corners)), ...fixed.flat()]));
   const bounded = boxes.some((box) => !box.endless) ? boxes.filter((box) => !box.endless) : boxes;
   const named = bounded.some((box) => box.body.object) ? bounded.filter((box) => box.body.object) : bounded;
   const moving = named.filter((box) => box.body.movable).map((box) => sizeOf(box.corners));
   const largest = moving.length > 0 ? LARGE * Math.max(...moving) : Infinity;
   const farthest = moving.length > 0 ? FAR * Math.min(...moving) : Infinity;
   const parts = named.filter((box) => sizeOf(box.corners) <= largest).map((box) => box.corners);
-  for (const line of drawing.lines ?? []) parts.push(line);
+  parts.push(...fixed.filter((points) => points.length > 0));
   let things = parts.shift() ?? [];
   while (parts.length > 0) {
     const grown = parts.map((part) => [...things, ...part]);
@@ -116,6 +122,15 @@ function subjectOf(drawing: Drawing, moments: Poses[]): Subject {
     .filter((box) => !named.includes(box) || sizeOf(box.corners) > largest)
     .map((box) => box.corners);
   return { things, fixtures: around, size: moving.length > 0 ? Math.max(...moving) : sizeOf(things) };
+}
+
+/** Boxes around marks, of a size that depends only on the distances in the picture. */
+function marksOf(marks: Points, others: Points): Box[] {
+  if (marks.length === 0) return [];
+  const half = MARK * sizeOf([...marks, ...others]) || ALONE_M;
+  const body: Body = { id: "", object: true, movable: true, parts: [] };
+  const part: Part = { shape: "box", size: [half, half, half], pos: [0, 0, 0], quat: [1, 0, 0, 0], rgba: [0, 0, 0, 0] };
+  return marks.map((mark) => ({ body, corners: cornersOf(part, [...mark, 1, 0, 0, 0]), endless: false }));
 }
 
 interface Box {

@@ -3,12 +3,13 @@
 import { Group, PCFShadowMap, PerspectiveCamera, Raycaster, Scene, Vector2, Vector3, WebGLRenderer } from "three";
 import { OrbitControls } from "three/addons/controls/OrbitControls.js";
 
-import type { Drawing, Poses } from "./drawing.js";
+import type { Drawing, Poses, Readings, Triple } from "./drawing.js";
 import { type Camera, cameraFor, FIELD, FORWARD, topOf } from "./framing.js";
 import { Overlay } from "./overlay.js";
-import { linesOf } from "./lines.js";
 import { bodyGroup, dispose } from "./shapes.js";
+import { unseenOf } from "./sketch.js";
 import { Stage } from "./stage.js";
+import { readingInWords } from "./words.js";
 
 /** Half edge of an endless plane, in extents of what is seen. */
 const ENDLESS = 12;
@@ -25,17 +26,6 @@ export interface LabViewOptions {
 
 /** Is told the id of the object that is pointed at, and where the pointer is in the container [px]; null for none. */
 export type OnHover = (id: string | null, x: number, y: number) => void;
-
-/** Whether this browser can draw a `LabView`. */
-export function canDraw(): boolean {
-  try {
-    const context = document.createElement("canvas").getContext("webgl2");
-    context?.getExtension("WEBGL_lose_context")?.loseContext();
-    return context !== null;
-  } catch {
-    return false;
-  }
-}
 
 /** A picture in a container, as large as the container; throws if `canDraw` is false. */
 export class LabView {
@@ -55,6 +45,8 @@ export class LabView {
   private poses: Poses = {};
   private framed: Camera | null = null;
   private moments: Poses[] = [];
+  private marks: Triple[] = [];
+  private read: Readings = {};
   private hover: OnHover | null = null;
   private pointed: string | null = null;
   private waiting = 0;
@@ -93,7 +85,7 @@ export class LabView {
     this.drawing = drawing;
     if (!same && !steady) this.framed = null;
     this.rebuild();
-    this.overlay.name(this.labelled());
+    this.overlay.name(this.labels());
   }
 
   /** Put the bodies where they are. */
@@ -104,11 +96,19 @@ export class LabView {
     this.draw();
   }
 
-  /** Place the camera so that the things are seen at all these moments. */
-  frame(moments: Poses[]): void {
+  /** Draw objects that are not watched where they were read last. */
+  setRead(read: Readings): void {
+    this.read = read;
+    this.overlay.name(this.labels());
+    this.draw();
+  }
+
+  /** Place the camera so that the things are seen at all these moments, and these places [m]. */
+  frame(moments: Poses[], marks: Triple[] = []): void {
     this.moments = moments;
+    this.marks = marks;
     const { clientWidth, clientHeight } = this.container;
-    const found = cameraFor(this.drawing, moments, (clientWidth || 4) / (clientHeight || 3));
+    const found = cameraFor(this.drawing, moments, (clientWidth || 4) / (clientHeight || 3), marks);
     this.framed = found;
     const centre = new Vector3(...found.centre);
     this.controls.target.copy(centre);
@@ -149,7 +149,7 @@ export class LabView {
   /** Emphasise an object, as when it is pointed at; null for none. */
   mark(id: string | null): void {
     this.pointed = id;
-    if (this.objects().length > MOST_LABELS) this.overlay.name(this.labelled());
+    if (this.objects().length > MOST_LABELS) this.overlay.name(this.labels());
     this.overlay.mark(id);
     this.draw();
   }
@@ -177,6 +177,11 @@ export class LabView {
     return objects.length <= MOST_LABELS ? objects : objects.filter((id) => id === this.pointed);
   }
 
+  private labels(): Map<string, string> {
+    const unseen = unseenOf(this.drawing, this.read).map(([id, read]) => [id, `${id}\n${readingInWords(read)}`] as const);
+    return new Map([...this.labelled().map((id) => [id, id] as const), ...unseen]);
+  }
+
   private rebuild(): void {
     for (const group of [...this.world.children]) {
       this.world.remove(group);
@@ -184,7 +189,6 @@ export class LabView {
     }
     const reach = (this.framed?.extent ?? 1) * ENDLESS;
     for (const body of this.drawing.bodies) this.world.add(bodyGroup(body, reach));
-    if (this.drawing.lines) this.world.add(linesOf(this.drawing.lines, this.dark));
     this.place();
   }
 
@@ -218,7 +222,13 @@ export class LabView {
     const labels = this.drawing.bodies
       .filter((body) => named.has(body.id))
       .map((body) => ({ id: body.id, at: new Vector3(...topOf(body, this.poses[body.id])) }));
-    this.overlay.place(this.camera, labels, width, height, perPixel);
+    const unseen = unseenOf(this.drawing, this.read).map(([id, read]) => ({ id, at: new Vector3(...read.position) }));
+    this.overlay.place(this.camera, [...labels, ...unseen], width, height, perPixel);
+    const seen = (point: Triple): [number, number] | null => {
+      const { x, y, z } = new Vector3(...point).project(this.camera);
+      return Math.abs(z) > 1 ? null : [((x + 1) / 2) * width, ((1 - y) / 2) * height];
+    };
+    this.overlay.sketch.draw(seen, this.drawing, this.poses, this.read);
   }
 
   private listen(): void {
@@ -257,7 +267,7 @@ export class LabView {
     const zoom = { "+": 0.85, "=": 0.85, "-": 1 / 0.85 }[event.key];
     if (turn) this.orbit(turn[0] ?? 0, turn[1] ?? 0, 1);
     else if (zoom) this.orbit(0, 0, zoom);
-    else if (event.key === "0" && this.moments.length > 0) this.frame(this.moments);
+    else if (event.key === "0" && this.moments.length > 0) this.frame(this.moments, this.marks);
     else return;
     event.preventDefault();
   }

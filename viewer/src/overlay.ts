@@ -3,6 +3,7 @@
 import { type Camera, type Quaternion, Vector3 } from "three";
 
 import { metres, roundLength } from "./ruler.js";
+import { Sketch } from "./sketch.js";
 
 const SVG = "http://www.w3.org/2000/svg";
 const AXES = [
@@ -11,7 +12,6 @@ const AXES = [
   { name: "z", along: new Vector3(0, 0, 1) },
 ];
 const AXIS_PX = 26;
-const LABEL_PX = 15;
 /** The scale bar is at most this share of the width. */
 const BAR = 0.22;
 
@@ -26,6 +26,8 @@ export class Overlay {
   readonly element = document.createElement("div");
   private readonly axes = document.createElementNS(SVG, "svg");
   private readonly bar = document.createElement("div");
+  /** Lines and rings, in pixels. */
+  readonly sketch = new Sketch();
   private readonly tags = new Map<string, HTMLElement>();
   private marked: string | null = null;
 
@@ -35,17 +37,20 @@ export class Overlay {
     this.axes.setAttribute("class", "lab-axes");
     this.axes.setAttribute("viewBox", "-40 -40 80 80");
     this.bar.className = "lab-scale";
-    this.element.append(this.axes, this.bar);
+    const lines = document.createElementNS(SVG, "svg");
+    lines.setAttribute("class", "lab-sketch");
+    lines.append(this.sketch.element);
+    this.element.append(lines, this.axes, this.bar);
   }
 
-  /** Set which objects have labels. */
-  name(ids: string[]): void {
+  /** Set which objects have labels, and what they say. */
+  name(texts: Map<string, string>): void {
     for (const tag of this.tags.values()) tag.remove();
     this.tags.clear();
-    for (const id of ids) {
+    for (const [id, text] of texts) {
       const tag = document.createElement("span");
-      tag.className = "lab-label";
-      tag.textContent = id;
+      tag.className = text === id ? "lab-label" : "lab-label lab-unseen";
+      tag.textContent = text;
       this.tags.set(id, tag);
       this.element.append(tag);
     }
@@ -68,7 +73,7 @@ export class Overlay {
   }
 
   private placeLabels(camera: Camera, labels: Label[], width: number, height: number): void {
-    const placed: { x: number; y: number; width: number }[] = [];
+    const placed: { x: number; y: number; width: number; height: number }[] = [];
     const seen = labels
       .map(({ id, at }) => ({ tag: this.tags.get(id), at: at.clone().project(camera) }))
       .sort((one, other) => other.at.y - one.at.y);
@@ -78,13 +83,13 @@ export class Overlay {
       if (tag.hidden) continue;
       const room = tag.offsetWidth + 4;
       const x = Math.min(Math.max(((at.x + 1) / 2) * width, room / 2), width - room / 2);
-      let y = Math.max(((1 - at.y) / 2) * height, LABEL_PX);
+      let y = Math.max(((1 - at.y) / 2) * height, tag.offsetHeight);
       // Labels come from top to bottom; one that would cover another goes below it.
       for (const other of placed) {
-        if (Math.abs(other.x - x) < (other.width + room) / 2 && Math.abs(other.y - y) < LABEL_PX)
-          y = other.y + LABEL_PX;
+        const beside = Math.abs(other.x - x) >= (other.width + room) / 2;
+        if (!beside && other.y > y - tag.offsetHeight && y > other.y - other.height) y = other.y + tag.offsetHeight;
       }
-      placed.push({ x, y, width: room });
+      placed.push({ x, y, width: room, height: tag.offsetHeight });
       tag.style.transform = `translate(${x}px, ${y}px) translate(-50%, -100%)`;
     }
   }

@@ -1,12 +1,13 @@
 /** A view with all that a person needs around it: play and stop, a scrubber, readings, and the same in words. */
 
-import type { Body, Poses, View } from "./drawing.js";
-import { canDraw, LabView } from "./lab_view.js";
-import { element } from "./markup.js";
+import type { Body, Poses, Readings, Triple, View } from "./drawing.js";
+import { LabView } from "./lab_view.js";
+import { canDraw, element } from "./markup.js";
 import { posesAt } from "./motion.js";
 import { Playback, SPEEDS } from "./playback.js";
 import { Schematic } from "./schematic.js";
-import { bodyInWords, NOTHING, placeInWords, STILL, turnInWords, viewInWords } from "./words.js";
+import { unseenOf } from "./sketch.js";
+import { bodyInWords, NOTHING, placeInWords, schematicInWords, STILL, turnInWords, viewInWords } from "./words.js";
 
 /** Instants of a motion that the camera keeps in view. */
 const FRAMED = 8;
@@ -25,6 +26,8 @@ export class LabPanel {
   playback: Playback | null = null;
   private view: View | null = null;
   private shown: Poses = {};
+  private read: Readings = {};
+  private readonly places: Triple[] = [];
   private pointed: string | null = null;
   private readonly box = element("div", { class: "lab-box", role: "img", tabindex: "0" });
   private readonly tip = element("div", { class: "lab-tip", hidden: "" });
@@ -77,19 +80,45 @@ export class LabPanel {
     const moved = Object.keys(motion?.poses ?? {}).length > 0;
     this.playback = motion && moved ? new Playback(motion, view.poses, (poses) => this.place(poses)) : null;
     this.picture.setDrawing(view.drawing);
-    this.picture.frame(this.moments(view));
-    this.say(
-      view.drawing.bodies.length === 0 ? NOTHING : motion && !moved ? `${STILL} ${this.warning()}` : this.warning(),
-    );
+    this.setRead(view.read ?? {});
+    this.picture.frame(this.moments(view), this.places);
+    this.say(this.noted(view, moved));
     this.listObjects(view);
     this.setControls();
     this.place(view.poses);
     if (play && !this.options.reducedMotion) this.playback?.play();
   }
 
-  /** Tell the readings anew, after there are more of them. */
-  refresh(): void {
+  /**
+   * Tell the readings anew, after there are more of them.
+   *
+   * @param read - Last readings of all objects; those that are drawn are left out.
+   */
+  refresh(read?: Readings): void {
+    const news = read && this.view && this.setRead(read);
+    if (news) {
+      this.view = { ...this.view!, read: this.read };
+      this.picture.frame(this.moments(this.view), this.places);
+      this.say(this.noted(this.view, true));
+      this.listObjects(this.view);
+    }
     this.place(this.shown);
+  }
+
+  /** Take over readings; whether any is new. */
+  private setRead(read: Readings): boolean {
+    const before = JSON.stringify(this.read);
+    this.read = Object.fromEntries(unseenOf(this.view!.drawing, read));
+    if (JSON.stringify(this.read) === before) return false;
+    this.places.push(...Object.values(this.read).map((reading) => reading.position));
+    this.picture.setRead(this.read);
+    return true;
+  }
+
+  private noted(view: View, moved: boolean): string {
+    const nothing = view.drawing.bodies.length === 0 && Object.keys(this.read).length === 0;
+    const still = view.motion && !moved && view.drawing.bodies.length > 0 ? STILL : "";
+    return [nothing ? NOTHING : still, schematicInWords(view.drawing), this.warning()].filter(Boolean).join(" ");
   }
 
   /** Show a sentence below the picture; none hides it. */

@@ -3,7 +3,7 @@
  * `evaluator/films.py` writes the numbers: second differences, zigzag, base 128; a 0 is followed by how many more.
  */
 
-import type { Drawing, Pose, Poses } from "./drawing.js";
+import type { Drawing, Pose, Poses, Readings, Triple } from "./drawing.js";
 import { between } from "./motion.js";
 
 export interface Film {
@@ -14,6 +14,8 @@ export interface Film {
   revealed?: boolean;
   /** For each call of each turn, the instant at which it had returned. */
   calls: number[][];
+  /** From which call on, counted over all turns, what was read last of objects that are not drawn. */
+  read?: [number, Readings][];
   drawings: Drawing[];
   /** From which instant on which drawing is shown. */
   cuts: [number, number][];
@@ -89,7 +91,18 @@ export class Reel {
   /** All things that are ever seen, for the camera. */
   everything(): Drawing {
     const bodies = new Map(this.film.drawings.flatMap((drawing) => drawing.bodies.map((body) => [body.id, body])));
-    return { bodies: [...bodies.values()] };
+    const schematic = this.film.drawings.flatMap((drawing) => drawing.schematic ?? []);
+    return { bodies: [...bodies.values()], schematic };
+  }
+
+  /** What was read last once so many calls had returned. */
+  read(calls: number): Readings {
+    return (this.film.read ?? []).filter(([call]) => call < calls).at(-1)?.[1] ?? {};
+  }
+
+  /** All places that are ever read, for the camera. */
+  places(): Triple[] {
+    return (this.film.read ?? []).flatMap(([, read]) => Object.values(read).map((reading) => reading.position));
   }
 
   private pose(body: number, instant: number): Pose {

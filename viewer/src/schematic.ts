@@ -1,8 +1,10 @@
 /** A drawing as outlines in SVG, from the same camera: for browsers that cannot draw in three dimensions. */
 
-import type { Body, Drawing, Part, Pose, Poses, Triple } from "./drawing.js";
+import type { Body, Drawing, Part, Pose, Poses, Readings, Triple } from "./drawing.js";
 import { type Camera, cameraFor, outlineOf, seenFrom } from "./framing.js";
 import type { OnHover } from "./lab_view.js";
+import { Sketch, unseenOf } from "./sketch.js";
+import { readingInWords } from "./words.js";
 
 const SVG = "http://www.w3.org/2000/svg";
 const [WIDTH, HEIGHT] = [640, 420];
@@ -13,6 +15,8 @@ export class Schematic {
   private readonly picture = document.createElementNS(SVG, "svg");
   private drawing: Drawing = { bodies: [] };
   private poses: Poses = {};
+  private read: Readings = {};
+  private readonly sketch = new Sketch();
   private camera: Camera | null = null;
   private hover: OnHover | null = null;
   private marked: string | null = null;
@@ -38,8 +42,13 @@ export class Schematic {
     else this.frame([poses]);
   }
 
-  frame(moments: Poses[]): void {
-    this.camera = cameraFor(this.drawing, moments, WIDTH / HEIGHT);
+  setRead(read: Readings): void {
+    this.read = read;
+    if (this.camera) this.draw(this.camera);
+  }
+
+  frame(moments: Poses[], marks: Triple[] = []): void {
+    this.camera = cameraFor(this.drawing, moments, WIDTH / HEIGHT, marks);
     this.draw(this.camera);
   }
 
@@ -69,7 +78,9 @@ export class Schematic {
       .flatMap((body) => body.parts.map((part) => this.shapeOf(camera, body, part)))
       .filter((shape) => shape !== null)
       .sort((one, other) => other.depth - one.depth);
-    this.picture.replaceChildren(...shapes.map((shape) => shape.element), ...this.names(camera));
+    this.sketch.draw((point) => placed(camera, point), this.drawing, this.poses, this.read);
+    const named = [...this.names(camera), ...this.unseen(camera)];
+    this.picture.replaceChildren(...shapes.map((shape) => shape.element), this.sketch.element, ...named);
   }
 
   private shapeOf(camera: Camera, body: Body, part: Part): { element: SVGElement; depth: number } | null {
@@ -89,15 +100,28 @@ export class Schematic {
   private names(camera: Camera): SVGElement[] {
     return this.drawing.bodies
       .filter((body) => body.object && body.parts.length > 0)
-      .map((body) => {
-        const [x, y] = seenFrom(camera, originOf(body, this.poses[body.id]));
-        const text = document.createElementNS(SVG, "text");
-        text.setAttribute("x", `${WIDTH / 2 + x * HEIGHT}`);
-        text.setAttribute("y", `${HEIGHT / 2 - y * HEIGHT}`);
-        text.textContent = body.id;
-        return text;
-      });
+      .map((body) => textAt(placed(camera, originOf(body, this.poses[body.id])), body.id));
   }
+
+  private unseen(camera: Camera): SVGElement[] {
+    return unseenOf(this.drawing, this.read).map(([id, read]) => {
+      const [x, y] = placed(camera, read.position);
+      return textAt([Math.min(Math.max(x, WIDTH / 4), (3 * WIDTH) / 4), y - 14], `${id}, ${readingInWords(read)}`);
+    });
+  }
+}
+
+function placed(camera: Camera, point: Triple): Flat {
+  const [x, y] = seenFrom(camera, point);
+  return [WIDTH / 2 + x * HEIGHT, HEIGHT / 2 - y * HEIGHT];
+}
+
+function textAt([x, y]: Flat, words: string): SVGElement {
+  const text = document.createElementNS(SVG, "text");
+  text.setAttribute("x", `${x}`);
+  text.setAttribute("y", `${y}`);
+  text.textContent = words;
+  return text;
 }
 
 function originOf(body: Body, pose: Pose | undefined): Triple {

@@ -1,6 +1,6 @@
 /** What is seen, in words: for people who cannot see the picture, and for the text at the pointer. */
 
-import type { Body, Part, Pose, View } from "./drawing.js";
+import type { Body, Drawing, Part, Pose, Reading, View } from "./drawing.js";
 import { coordinate, metres } from "./ruler.js";
 
 /** A part in words, with its full edges. */
@@ -32,6 +32,18 @@ export function placeInWords(pose: Pose): string {
   return `(${pose.slice(0, 3).map(coordinate).join(", ")}) m`;
 }
 
+/** A reading in words, such as `last read (0.25, 0, 0.5) m at 1.2 s`. */
+export function readingInWords({ position, angle, time }: Reading): string {
+  const turned = angle === undefined ? "" : `, ${coordinate(angle)} rad,`;
+  return `last read (${position.map(coordinate).join(", ")}) m${turned} at ${Number(time.toPrecision(6))} s`;
+}
+
+/** What of a drawing is drawn after the words of the task alone; empty if nothing is. */
+export function schematicInWords({ schematic = [] }: Drawing): string {
+  const kinds = [...new Set(schematic.map((course) => course.kind))];
+  return kinds.length > 0 ? `Drawn after the words of the task, not to scale: ${kinds.join(", ")}.` : "";
+}
+
 /** By how much a pose is turned from the world axes, in words. */
 export function turnInWords(pose: Pose): string {
   const [w, x, y, z] = pose.slice(3) as [number, number, number, number];
@@ -51,14 +63,17 @@ export function turnInWords(pose: Pose): string {
  */
 export function viewInWords(view: View, places = true): string {
   const objects = view.drawing.bodies.filter((body) => body.object);
-  if (view.drawing.bodies.length === 0) return NOTHING;
+  const read = Object.entries(view.read ?? {}).map(([id, reading]) => `${id}, not watched, ${readingInWords(reading)}`);
+  const nothing = view.drawing.bodies.length === 0;
+  if (nothing && read.length === 0) return NOTHING;
   const listed = objects.map((body) => {
     const pose = view.poses[body.id];
     return `${body.id} (${bodyInWords(body)})${pose && places ? ` at ${placeInWords(pose)}` : ""}`;
   });
   const moved = Object.keys(view.motion?.poses ?? {});
   const motion = moved.length > 0 ? ` In the last step moved: ${moved.join(", ")}.` : "";
-  return `At ${coordinate(view.time)} s are seen: ${listed.join("; ") || "fixtures only"}.${motion}`;
+  const seen = listed.join("; ") || (nothing ? "nothing" : "fixtures only");
+  return `At ${coordinate(view.time)} s are seen: ${[seen, ...read].join("; ")}.${motion}`;
 }
 
 export const STILL = "Nothing that is seen moved in this step.";

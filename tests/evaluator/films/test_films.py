@@ -1,6 +1,8 @@
 """A film shows what the agent could see, where it was, at the call after which it was there; or it is not made."""
 
+import itertools
 from pathlib import Path
+from typing import Any
 
 import pytest
 from hypothesis import given
@@ -73,6 +75,33 @@ def test_a_hidden_object_is_in_a_film_from_its_discovery_on_and_in_a_revealed_fi
     assert revealed["revealed"]
     assert {body["id"] for body in revealed["drawings"][0]["bodies"]} >= {"object_1", "object_2"}
     assert decoded(revealed)[1]["object_2"][-1] == pytest.approx(decoded(film)[1]["object_2"][-1])
+
+
+PUSHED = [
+    [LOOK, call("apply_force", object_id="object_1", force_vector=[0, 2, 0])],
+    [call("step", duration=0.3), call("answer", answer=[1, 1])],
+]
+"""Calls in scene 82, whose object may be read and is not drawn. Two seeds return the same to them."""
+
+
+def test_a_film_shows_an_object_that_is_not_drawn_where_it_was_read_last_and_nothing_else_of_it(tmp_path: Path) -> None:
+    looked = [*PUSHED[:1], [PUSHED[1][0], LOOK, PUSHED[1][1]]]
+    films: list[dict[str, Any]] = []
+    places: list[list[Any]] = []
+    for number, (turns, seed) in enumerate(itertools.product((PUSHED, looked), (0, 7))):
+        key = key_of(82, turns, seed)
+        run = stored_run(tmp_path / str(number), (key, turns))
+        assert main(["film", str(run.path)]) == 0
+        films.append({name: part for name, part in read_film(run, key).items() if name != "episode"})
+        returned = [one.content for turn in run.episodes()[key].turns for one in turn.exchanges if one.call == LOOK]
+        places.append([content["position"] for content in returned if content])
+    assert [[call, *read] for call, read in films[0]["read"]] == [[0, "object_1"]]
+    assert films[0]["read"][0][1]["object_1"] == {"position": places[0][0], "time": 0}
+    assert films[0] == films[1]
+    assert places[2][-1] != places[3][-1], "the seeds differ where nobody looked"
+    assert [call for call, _ in films[2]["read"]] == [0, 3]
+    assert films[2]["read"][-1][1]["object_1"]["position"] == places[2][-1]
+    assert films[2]["drawings"][0]["schematic"] == [{"kind": "cord", "points": [[0, 0, 0.5], "object_1"]}]
 
 
 def test_a_film_of_an_edited_record_is_refused_with_its_place_and_the_others_are_made(

@@ -136,3 +136,36 @@ def test_the_app_is_one_file_that_runs_only_its_own_script_and_connects_to_nothi
     ]
     assert text.count("<script") == text.count("</script>") == 1
     assert re.findall(r'<(?:link|img|script)[^>]*(?:src|href)="', text.split("<script", maxsplit=1)[0]) == []
+
+
+UNWATCHED = 82
+"""A scene with an object that moves and may be read, but is not drawn."""
+
+
+async def _measured(seed: int, *calls: tuple[str, dict[str, Any]]) -> tuple[list[Any], dict[str, Any]]:
+    """What calls returned, and what may be seen after them."""
+    slot = EpisodeSlot(Session(load_scene(UNWATCHED, seed)), find_visibility=cached_visibility(None))
+    async with app_client(build_server(slot)) as client:
+        returned = [(await client.call_tool(tool, arguments)).structured_content for tool, arguments in calls]
+        view = (await client.read_resource(VIEW_URI)).contents[0]
+        return returned, json.loads(view.text)  # type: ignore[union-attr]
+
+
+async def test_an_object_that_is_not_drawn_is_shown_where_results_placed_it_last() -> None:
+    look, push = ("get_position", {"object_id": 1}), ("apply_force", {"object_id": 1, "force_vector": [0, 2, 0]})
+    step = ("step", {"duration": 0.3})
+    assert "read" not in (await _measured(0, push, step))[1]
+    (first, *_), view = await _measured(0, look, push, step, ("get_position", {"object_id": 9}))
+    assert view["read"] == {"object_1": {"position": first["position"], "time": 0}}
+    (*_, last), view = await _measured(0, look, push, step, look)
+    assert view["read"] == {"object_1": {"position": last["position"], "time": last["sim_time"]}}
+    assert last["position"] != first["position"]
+
+
+async def test_what_is_shown_follows_from_what_was_returned_alone() -> None:
+    look, push = ("get_position", {"object_id": 1}), ("apply_force", {"object_id": 1, "force_vector": [0, 2, 0]})
+    step = ("step", {"duration": 0.3})
+    episodes = [await _measured(seed, look, push, step) for seed in (0, 7)]
+    assert episodes[0] == episodes[1], "the same results and the same view"
+    places = [(await _measured(seed, look, push, step, look))[0][-1]["position"] for seed in (0, 7)]
+    assert places[0] != places[1], "though the object is elsewhere"

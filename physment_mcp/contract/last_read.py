@@ -1,0 +1,52 @@
+"""Where objects were read last: a function of the calls and of what they returned, and of nothing else.
+
+The laboratory and the films of the evaluator share it: both draw an object that is not watched in the same place.
+"""
+
+from collections.abc import Iterator, Mapping
+from typing import Any, TypeGuard, cast
+
+Reading = dict[str, Any]
+"""`position` [m], `time` of the reading [s] and, if it was returned, `angle` [rad]."""
+
+_PLACES = {"get_position": "position", "move_object": "position", "change_position": "new_position"}
+"""Tool → field of its result that holds the place of the object it was called for."""
+
+
+def read_after(
+    before: Mapping[str, Reading], tool: str, arguments: Mapping[str, Any], content: Mapping[str, Any]
+) -> dict[str, Reading]:
+    """The last reading of each object after a call.
+
+    Args:
+        before: The last readings before it, by object id.
+        tool: Name of the tool.
+        arguments: Arguments of the call.
+        content: What it returned.
+    """
+    time = content.get("sim_time")
+    if not _is_number(time):
+        return dict(before)
+    gone = {content.get("object_id"), *content.get("also_deleted", ())} if tool == "delete_objects" else ()
+    kept = {name: reading for name, reading in before.items() if name not in gone}
+    return kept | {name: reading | {"time": time} for name, reading in _places(tool, arguments, content)}
+
+
+def _places(tool: str, arguments: Mapping[str, Any], content: Mapping[str, Any]) -> Iterator[tuple[str, Reading]]:
+    found: list[tuple[object, object, object]] = []
+    if tool in _PLACES:
+        found.append((arguments.get("object_id"), content.get(_PLACES[tool]), content.get("angle")))
+    elif tool == "find_objects":
+        found += [(one.get("object_id"), one.get("position"), None) for one in content.get("revealed", ())]
+    for name, place, angle in found:
+        if (
+            isinstance(place, list)
+            and len(cast(list[Any], place)) == 3
+            and all(map(_is_number, cast(list[Any], place)))
+        ):
+            identity = f"object_{name}" if str(name).isdecimal() else str(name)
+            yield identity, {"position": place} | ({"angle": angle} if _is_number(angle) else {})
+
+
+def _is_number(value: object) -> TypeGuard[float]:
+    return isinstance(value, int | float) and not isinstance(value, bool)
