@@ -1,4 +1,4 @@
-"""Shared by all tests: one async backend, property tests without deadlines, a web server, and --update-goldens."""
+"""Shared fixtures and settings: one async backend, property tests without deadlines, a web server, --update-goldens."""
 
 import contextlib
 import http.server
@@ -44,7 +44,7 @@ def anyio_backend() -> str:
 
 @pytest.fixture(scope="session")
 def host_url() -> Generator[str]:
-    """The address of a host that all tests of a worker process share: to start one takes more than a second."""
+    """Return the address of a host that all tests of a worker process share, because a start takes over a second."""
     command = [sys.executable, "-m", "physment_mcp", "serve", "--port", "0", "--end-with-stdin"]
     with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as process:
         assert process.stdout is not None

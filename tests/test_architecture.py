@@ -1,4 +1,4 @@
-"""The architecture page, checked against every import; the sizes and names of modules."""
+"""Checks every import against the architecture page, and the sizes and names of modules."""
 
 import ast
 import re
@@ -88,7 +88,7 @@ def modules() -> list[Path]:
 
 
 def imports(source: str) -> Iterator[str]:
-    """Everything that a module imports, anywhere in it, with dots."""
+    """Return the dotted names that a module imports, anywhere in it."""
     for node in ast.walk(ast.parse(source)):
         if isinstance(node, ast.Import):
             yield from (name.name for name in node.names)
@@ -113,7 +113,7 @@ def room_of(module: str) -> str | None:
 
 
 def violations(path: str, source: str) -> list[str]:
-    """The rules that a module at `path` breaks by what it imports."""
+    """Return the rules that the imports of the module at `path` break."""
     imported = sorted(set(imports(source)))
     package, room = path.split("/", maxsplit=1)[0], room_of(dotted(Path(path)))
     forbidden: set[str] = set() if path.startswith(PRIVILEGED) else set(NEVER[package])
@@ -140,11 +140,11 @@ def dotted(path: Path) -> str:
 
 
 def imports_between(sources: Mapping[str, str], folder: str) -> dict[str, set[str]]:
-    """Imports between the files and subfolders of a folder: name → names that it imports.
+    """Return the imports between the files and subfolders of a folder: name → names that it imports.
 
     Args:
-        sources: Module with dots → its source.
-        folder: With dots.
+        sources: Dotted name of a module → its source.
+        folder: Dotted name of the folder.
     """
     depth = folder.count(".") + 2
 
@@ -160,7 +160,7 @@ def imports_between(sources: Mapping[str, str], folder: str) -> dict[str, set[st
 
 
 def circle_in(graph: Mapping[str, set[str]]) -> tuple[str, ...]:
-    """A circle of imports, its first name repeated at the end; empty if there is none."""
+    """Return a circle of imports, with its first name repeated at the end; empty if there is none."""
     done: set[str] = set()
 
     def visit(name: str, trail: tuple[str, ...]) -> tuple[str, ...]:
@@ -309,7 +309,7 @@ def test_the_evaluator_imports_without_the_engine() -> None:
 
 
 def test_no_command_imports_another_command() -> None:
-    """What two commands need is in a module that declares none, such as `playing` or `finishing`."""
+    """Code that two commands need is in a module that declares no command, such as `playing` or `finishing`."""
     found = {
         path.stem: set(imports((ROOT / path).read_text(encoding="utf-8")))
         for path in modules()

@@ -1,4 +1,4 @@
-"""The audit names evidence that exists, and its page is current."""
+"""Tests that the evidence of the audit exists, and that its page is current."""
 
 import pytest
 

@@ -1,4 +1,4 @@
-"""A jump of the wall clock changes stamps and nothing else: durations and time limits follow the monotonic clock."""
+"""Tests that a jump of the wall clock changes only timestamps: durations follow the monotonic clock."""
 
 import ast
 import json
@@ -52,7 +52,7 @@ datetime.datetime = Jumping
 
 
 def readings(tree: ast.AST, function: str = "") -> Iterator[tuple[str, str]]:
-    """The function and the name of each use of a wall clock."""
+    """Return the function and the name of each use of a wall clock."""
     for node in ast.iter_child_nodes(tree):
         inside = node.name if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef) else function
         if isinstance(node, ast.Attribute) and ast.unparse(node) in WALL:

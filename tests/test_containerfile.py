@@ -1,4 +1,4 @@
-"""The Containerfile, as far as it can be checked without building; the workflow builds both images."""
+"""Static tests of the Containerfile; the workflow builds both images."""
 
 import json
 import re
@@ -22,7 +22,7 @@ class Instruction:
 
     @property
     def words(self) -> list[str]:
-        """The words of the instruction: a JSON list, or as a shell splits them."""
+        """The arguments of the instruction: a JSON list, or split as by a shell."""
         return json.loads(self.rest) if self.rest.startswith("[") else shlex.split(self.rest)
 
 
@@ -67,7 +67,7 @@ def test_every_stage_starts_from_a_python_that_is_supported(stage: str) -> None:
 
 @pytest.mark.parametrize("image", IMAGES)
 def test_an_image_runs_nothing_while_it_is_built_and_runs_as_a_user_without_rights(image: str) -> None:
-    """All that it holds comes from the stage before, so no tool of the build and no cache is in it."""
+    """All files come from the previous stage, so the image contains no build tools and caches."""
     assert named(image, "RUN") == []
     assert only(STAGES[image], "USER").rest == "65532:65532"
     assert named(image, "HEALTHCHECK") != []

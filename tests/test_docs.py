@@ -1,4 +1,4 @@
-"""Generated documents match the code, and links between documents have a target."""
+"""Tests that generated documents match the code, and that links between documents have a target."""
 
 import json
 import re
@@ -112,7 +112,7 @@ def test_the_schema_of_a_pack_is_current(update_goldens: bool) -> None:
     ],
 )
 def test_the_schemas_of_results_are_current(name: str, record: type[Record], update_goldens: bool) -> None:
-    """The files of a run folder, and what `compare --json` prints and `submit` writes: other programs read them."""
+    """Other programs read the files of a run folder, the output of `compare --json` and the file of `submit`."""
     schema = {
         "$schema": "https://json-schema.org/draft/2020-12/schema",
         "$comment": "Made from the code by `pytest tests/test_docs.py --update-goldens`; do not edit.",
@@ -155,7 +155,7 @@ def test_every_pack_fits_the_published_schema() -> None:
 
 
 def links(page: Path) -> list[tuple[Path, str]]:
-    """The files that a page links to or shows, each with the anchor in it; addresses on the web are left out."""
+    """Return the files that a page links to or embeds, each with its anchor; web addresses are omitted."""
     text = re.sub(r"^```.*?^```$", "", page.read_text(encoding="utf-8"), flags=re.DOTALL | re.MULTILINE)
     found = [link or source for link, source in re.findall(r"\]\(([^)\s]+)\)|(?:src|srcset)=\"([^\"]+)\"", text)]
     parts = [link.partition("#") for link in found if not re.match(r"\w+:", link)]
@@ -163,7 +163,7 @@ def links(page: Path) -> list[tuple[Path, str]]:
 
 
 def anchors(page: Path) -> set[str]:
-    """What a link can name in a page: its headings, as GitHub writes them, and its marked places."""
+    """Return the link targets in a page: its headings, as GitHub names them, and explicit anchors."""
     text = re.sub(r"^```.*?^```$", "", page.read_text(encoding="utf-8"), flags=re.DOTALL | re.MULTILINE)
     headings = re.findall(r"^#+ (.+)$", text, re.MULTILINE)
     slugs = {re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-") for heading in headings}
@@ -202,7 +202,7 @@ def test_every_decision_has_a_status_with_a_date() -> None:
 
 
 def test_the_readme_and_the_index_lead_to_every_page_but_the_decisions() -> None:
-    """Nobody has to search: a page is in the index itself, and so is each published schema."""
+    """Every page and every published schema must be linked in the index itself."""
     listed = {target for target, _ in links(DOCS / "index.md")}
     pages = {page for kind in ("*.md", "*.schema.json") for page in DOCS.rglob(kind)}
     unlisted = pages - listed - {DOCS / "index.md"}

@@ -1,4 +1,4 @@
-"""Every command line of ours that a page shows is one that its program accepts, and every make target exists."""
+"""Tests that every command line on a page is accepted by its program, and that every make target exists."""
 
 import contextlib
 import re
@@ -17,13 +17,13 @@ STUDY = re.compile(r"```toml file=study\.toml\n(.*?)```", re.DOTALL)
 
 
 def lines_of(page: Path) -> Iterator[str]:
-    """The lines of the shell blocks of a page; a line that ends with a backslash goes on in the next."""
+    """Return the lines of the shell blocks of a page; a line that ends with a backslash continues in the next."""
     for block in re.findall(r"```sh[^\n]*\n(.*?)```", page.read_text(encoding="utf-8"), re.DOTALL):
         yield from block.replace("\\\n", " ").splitlines()
 
 
 def shown(program: str) -> list[tuple[str, str]]:
-    """Each page that shows a command of a program, with the arguments; settings before it are left out."""
+    """Return each page that shows a command of a program, with the arguments but without variable assignments."""
     command = re.compile(rf"^\s*(?:\w+=\S+ )*(?:\.venv/bin/|uvx (?:--from \S+ )?|pipx run --spec \S+ )?{program} (.*)$")
     return [
         (page.relative_to(ROOT).as_posix(), found[1])
@@ -44,7 +44,7 @@ def test_a_shown_command_of_the_laboratory_is_accepted(page: str, line: str) -> 
 
 @pytest.mark.parametrize(("page", "line"), shown("physment-eval"))
 def test_a_shown_command_of_the_evaluator_is_accepted(page: str, line: str, tmp_path: Path) -> None:
-    """A command that reads a study file reads the one that its page shows."""
+    """A command with a study file gets the file that its page shows."""
     for study in STUDY.findall((ROOT / page).read_text(encoding="utf-8")):
         (tmp_path / "study.toml").write_text(study, encoding="utf-8")
     with contextlib.chdir(tmp_path):

@@ -1,4 +1,4 @@
-"""Signals while a program loads its modules, Ctrl-C that Python discards, and Ctrl-C while an episode waits."""
+"""Tests of signals during imports, of Ctrl-C that Python discards, and of Ctrl-C while an episode waits."""
 
 import signal
 import subprocess

@@ -1,4 +1,4 @@
-"""The tutorials that a reader types: their commands and calls are made, and print what the page says."""
+"""Tests of the tutorials: their commands and calls are run, and must print what the page shows."""
 
 import contextlib
 import io
@@ -14,14 +14,14 @@ TYPED = re.compile(r"^(\d+ iterations? left > )(.+)\n", re.MULTILINE)
 
 
 def parts(name: str) -> list[tuple[str, str]]:
-    """The blocks of a tutorial in their order, each with its language; what is quoted is text on one line."""
+    """Return the blocks of a tutorial in order, each with its language; a quote becomes one line of text."""
     text = (DOCS / "tutorials" / f"{name}.md").read_text(encoding="utf-8")
     quoted = QUOTED.sub(lambda lines: "```text\n" + lines[0][2:].replace("\n> ", " ") + "```\n", text)
     return re.findall(r"^```(\w+)\n(.*?)^```$", quoted, re.DOTALL | re.MULTILINE)
 
 
 def test_the_first_experiment_goes_as_the_page_says(tmp_path: Path, host_url: str) -> None:
-    """What is typed is not printed again, since standard input is no terminal here."""
+    """Typed text is not echoed, because standard input is not a terminal here."""
     episodes: list[tuple[str, list[str]]] = []
     for language, block in parts("your-first-experiment"):
         if language == "sh":
@@ -45,7 +45,7 @@ def test_the_arithmetic_of_the_first_experiment_is_right() -> None:
 
 
 def test_the_commands_of_the_first_evaluation_print_what_the_page_says(tmp_path: Path, host_url: str) -> None:
-    """The host is one that runs already, and no workers are started, to spare time."""
+    """Uses a running host and no workers, to save time."""
     printed = ""
     for language, block in parts("your-first-evaluation"):
         if language == "text":

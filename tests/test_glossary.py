@@ -1,4 +1,4 @@
-"""The words of docs/reference/glossary.md, held against the public names of the code and the pages."""
+"""Compares the terms of docs/reference/glossary.md with the public names of the code and with the pages."""
 
 import ast
 import re
@@ -54,7 +54,7 @@ def source_files() -> list[Path]:
 
 
 def words_of(name: str) -> set[str]:
-    """The words of a name in code: `PackFiles` and `pack_files` have two."""
+    """Split a name in code into words: `PackFiles` and `pack_files` have two."""
     return {word.lower() for word in re.findall(r"[A-Z]?[a-z]+|[A-Z]+(?![a-z])", name)}
 
 

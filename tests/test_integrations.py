@@ -1,6 +1,6 @@
-"""What must hold of `integrations/` without any framework.
+"""Tests of `integrations/` that need no framework.
 
-What clients of frameworks and plugins import, the client that is shared, and its copy of the referee's contract.
+They check the imports of clients and plugins, the shared client, and its copy of the referee's contract.
 """
 
 import ast
@@ -34,7 +34,7 @@ def requirements(package: Path) -> list[str]:
 
 
 def imports(source: str) -> Iterator[tuple[str, str]]:
-    """What a module imports: each module with the name taken from it, or with nothing."""
+    """Return the imports of a module: each module with the imported name, or with nothing."""
     for node in ast.walk(ast.parse(source)):
         if isinstance(node, ast.Import):
             yield from ((name.name, "") for name in node.names)
@@ -48,7 +48,7 @@ def imported(package: Path) -> Iterator[tuple[str, str]]:
 
 
 def not_public(source: str) -> list[tuple[str, str]]:
-    """What a module imports of our packages that is none of their public names."""
+    """Return the names that a module imports from this project's packages although they are not public."""
     ours = [(module, name) for module, name in imports(source) if module.partition(".")[0] in OURS]
     return [(module, name) for module, name in ours if module == "mujoco" or not is_public(module, name)]
 
@@ -96,7 +96,7 @@ def test_the_shared_client_needs_the_standard_library_alone() -> None:
 
 
 def test_the_shared_client_repeats_what_a_referee_reads() -> None:
-    """A test of the referee compares what it replies."""
+    """A test of the referee compares the replies."""
     client = referee_client()
     options = {"split", "world", "budget", "max_calls", "prompting"}
     assert {*client._NUMBERS, *options} == WantedEpisode.model_fields.keys()
@@ -106,7 +106,7 @@ def test_the_shared_client_repeats_what_a_referee_reads() -> None:
 
 
 def properties(model: type[BaseModel]) -> dict[str, Any]:
-    """What each field of a model accepts, without its title; of a number that names a variant, without its bounds."""
+    """Return the constraints of each field of a model, without titles; without bounds for numbers of variants."""
     found: dict[str, Any] = {}
     for name, schema in model.model_json_schema()["properties"].items():
         kinds = [{"type": kind.get("type", "object")} for kind in schema.get("anyOf", ())]
@@ -115,7 +115,7 @@ def properties(model: type[BaseModel]) -> dict[str, Any]:
 
 
 def copied(file: str, name: str) -> dict[str, Any]:
-    """The fields of a class of an integration that the contract has too; its framework is not installed here."""
+    """Return the fields that a class of an integration shares with the contract; its framework is not installed."""
     tree = ast.parse((FOLDER / file).read_text(encoding="utf-8"))
     (found,) = (node for node in ast.walk(tree) if isinstance(node, ast.ClassDef) and node.name == name)
     fields = [node for node in found.body if isinstance(node, ast.AnnAssign)]

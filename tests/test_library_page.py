@@ -1,4 +1,4 @@
-"""The page for programs that import the packages: its examples run and print what it says."""
+"""Tests of the page on the packages as libraries: its examples run and print the shown output."""
 
 import contextlib
 import io

@@ -1,4 +1,4 @@
-"""The files that users install: the lock file, and the wheel outside the checkout."""
+"""Tests of the files that users install: the lock file, and the wheel outside the checkout."""
 
 import re
 import subprocess

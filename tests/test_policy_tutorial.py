@@ -1,7 +1,4 @@
-"""The tutorial of a policy that learns: its program runs as the page has it, and its table is better than random play.
-
-Whether the policy learns takes a minute of processor time: `tests.harness.policy_tutorial` sees to that, each night.
-"""
+"""Tests of the tutorial on a policy: its program runs as shown, and its table is better than random play."""
 
 import re
 

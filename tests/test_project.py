@@ -1,4 +1,4 @@
-"""What contributors rely on: make targets, workflow, commit hooks, citation, decision records, paths in guides."""
+"""Tests of the project's own files: make targets, workflows, commit hooks, citation, decision records, guides."""
 
 import hashlib
 import importlib.util
@@ -60,7 +60,7 @@ def test_every_make_target_is_explained_and_is_no_file() -> None:
 
 
 def test_the_tests_and_their_coverage_need_no_published_packs() -> None:
-    """What they cover must be covered for a newcomer too, who does not have them."""
+    """Contributors do not have them, so other tests must cover the same code."""
     recipe = re.search(r"^test:.*\n((?:\t.*\n)+)", MAKEFILE, flags=re.MULTILINE)
     assert recipe is not None
     assert re.match(r"\t@PHYSMENT_ORIGINAL=/nonexistent .*-m pytest .*--cov", recipe[1])
@@ -76,7 +76,7 @@ def test_the_modules_that_must_be_covered_exist() -> None:
 
 
 def test_every_test_that_reads_the_published_packs_is_marked() -> None:
-    """So it is skipped with one reason where they are absent, and run without coverage where they are there."""
+    """The mark skips it where they are missing, and excludes it from coverage where they are present."""
     reading = {
         file.relative_to(ROOT).as_posix(): file.read_text(encoding="utf-8")
         for file in (ROOT / "tests").rglob("test_*.py")
@@ -153,7 +153,7 @@ def test_a_release_needs_the_tag_of_its_version_and_a_section_of_the_changelog(t
 
 
 def test_the_entry_keeps_the_rules_of_the_registry(tmp_path: Path) -> None:
-    """Those of its schema that concern us, and those that it checks itself."""
+    """Checks the rules of the registry's schema that apply, and those that the registry checks itself."""
     (tmp_path / "dist").mkdir()
     (tmp_path / "dist" / "physment.mcpb").write_bytes(b"a bundle")
     (tmp_path / ".github").mkdir()

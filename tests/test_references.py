@@ -1,4 +1,4 @@
-"""The references of the command lines and of the public names are those that the code makes."""
+"""Tests that the references of the command lines and of the public names match the code."""
 
 from collections.abc import Callable
 

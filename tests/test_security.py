@@ -1,4 +1,4 @@
-"""Promises of SECURITY.md that no other test holds."""
+"""Tests of promises in SECURITY.md that no other test covers."""
 
 import re
 import shutil
@@ -15,7 +15,7 @@ from tests.builders.paths import ROOT
 
 @pytest.fixture
 def packs(tmp_path: Path) -> Path:
-    """A folder with one pack whose `solution.py` creates a file named `ran` there when it is run."""
+    """A folder with one pack whose `solution.py` creates a file `ran` there when it is executed."""
     folder = tmp_path / "packs"
     shutil.copytree(find_pack(7).folder, folder / "Scene7")
     with (folder / "Scene7" / "solution.py").open("a", encoding="utf-8") as solution:
@@ -33,7 +33,7 @@ def test_code_of_a_pack_does_not_run_where_only_its_data_is_needed(packs: Path, 
 
 
 def test_any_run_computes_its_keys_with_the_code_of_a_pack(packs: Path, tmp_path: Path) -> None:
-    """SECURITY.md warns of it."""
+    """Documents the behaviour that SECURITY.md warns about."""
     words = ["--agent", "blind", "--scenes", "7", "--seeds", "3", "--scenes-dir", str(packs)]
     evaluate([*words, "--out", str(tmp_path / "run"), "--max-time", "0.001"])
     assert (packs / "ran").exists()
@@ -46,6 +46,6 @@ def test_the_tests_that_hold_the_promises_exist() -> None:
 
 
 def test_lint_runs_the_code_of_a_pack(packs: Path) -> None:
-    """SECURITY.md warns of it; this also shows that the pack of the test above would be caught."""
+    """Documents what SECURITY.md warns about, and shows that the test above would detect the pack's code."""
     evaluate(["lint", "--scenes-dir", str(packs)])
     assert (packs / "ran").exists()

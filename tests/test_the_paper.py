@@ -1,4 +1,4 @@
-"""The page that compares the project with the paper: complete, and naming only what exists."""
+"""Tests of the page that compares the project with the paper: it is complete, and names only existing things."""
 
 import json
 import re
@@ -20,7 +20,7 @@ def rows() -> list[list[str]]:
 
 
 def numbers(row: list[str]) -> range:
-    """The statements that a row answers: `43–45` stands for three."""
+    """Parse the numbers of the paper's statements in a row: `43–45` means three."""
     first, _, last = row[0].partition("–")
     return range(int(first), int(last or first) + 1)
 
@@ -64,7 +64,7 @@ def suite() -> dict[int, Pack]:
 
 
 def difficulty() -> dict[int, dict[str, int]]:
-    """Scene of the suite → the figures of its certificate of difficulty: maxima over 20 seeds."""
+    """Return scene of the suite → the figures of its certificate of difficulty: maxima over 20 seeds."""
     stored = json.loads((ROOT / "scenes" / "certificates.json").read_text(encoding="utf-8"))["scenes"]
     return {
         scene["scene"]: check["figures"]
@@ -125,7 +125,7 @@ def test_all_topics_of_the_paper_occur_among_the_concepts() -> None:
 
 
 def test_the_published_dimensions_are_compared_with_the_measured_ones() -> None:
-    """The rows of G, V, R and G′ round the figures of the table that the logs give."""
+    """The rows of G, V, R and G′ must round the values of the table computed from the logs."""
     table = (DOCS / "explanation" / "failure-modes.md").read_text(encoding="utf-8")
     for number, name in ((96, "G"), (97, "V"), (98, "R"), (99, "G′")):
         found = re.search(rf"^\| mean {name} .*$", table, re.MULTILINE)

@@ -1,4 +1,4 @@
-"""The tutorial, run as it stands: its programs are saved under the names it gives, and its commands are called."""
+"""Tests of the tutorial: its programs are saved under the given names, and its commands are run."""
 
 import re
 import shlex

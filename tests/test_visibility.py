@@ -1,4 +1,4 @@
-"""One rule says what may be seen: agents' pictures, the app, the player's page, films and plates show the same."""
+"""Tests that images, the app, the player's page, films and plates all follow one visibility rule."""
 
 import json
 import re
@@ -32,7 +32,7 @@ Shapes = list[tuple[str, Sequence[float]]]
 
 
 class Caught(Painter):
-    """Keeps the models that it is asked to draw."""
+    """Replaces the rendering process, and stores the models that it would render."""
 
     def __init__(self) -> None:
         self.models: list[str] = []
@@ -84,7 +84,7 @@ async def test_agents_the_app_players_films_and_plates_are_shown_the_same(scene:
 
 @pytest.mark.parametrize("scene", [17, 27, 76, 88, 109, 205])
 def test_what_is_drawn_and_marked_at_the_start_is_the_same_for_every_seed(scene: int) -> None:
-    """Shapes to the bit. Places too, except that an instrument with noise reads them, as a tool does."""
+    """Shapes are compared bit for bit, and so are positions, except where an instrument has noise."""
 
     def shown(seed: int) -> list[list[tuple[str, Sequence[object]]]]:
         _, *found = at_start(find_pack(scene), seed)

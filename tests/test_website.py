@@ -1,4 +1,4 @@
-"""The website, as far as it needs no Sphinx: its pages and their links, and the checks of what was built."""
+"""Tests of the website that need no Sphinx: its pages and links, and the checks of the built site."""
 
 import ast
 import re
@@ -16,7 +16,7 @@ from website.pages import names, write_pages
 
 @pytest.mark.parametrize("folder", ["website"])
 def test_a_folder_beside_the_packages_needs_nothing_but_the_standard_library(folder: str) -> None:
-    """So it runs in an environment that lacks the laboratory, and before anything is installed."""
+    """It must run in an environment without the laboratory, before anything is installed."""
     imported = {
         name.partition(".")[0]
         for path in (ROOT / folder).glob("*.py")

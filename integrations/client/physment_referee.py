@@ -37,7 +37,7 @@ class RefereeError(Exception):
 
 @dataclass(frozen=True, slots=True)
 class OpenedEpisode:
-    """An episode on a host."""
+    """An opened episode: its addresses, tokens and prompt."""
 
     episode_id: str
     owner_token: str = field(repr=False)
@@ -60,7 +60,7 @@ class OpenedEpisode:
 
 @dataclass(frozen=True, slots=True)
 class Reward:
-    """What an episode was worth."""
+    """The reward of an episode, with its verdicts."""
 
     reward: float
     strict: str
@@ -80,7 +80,7 @@ class Reward:
 
 @dataclass(frozen=True, slots=True)
 class Referee:
-    """A referee at an address."""
+    """Client of the referee at one address."""
 
     url: str = URL
     token: str | None = field(default=None, repr=False)
@@ -89,7 +89,7 @@ class Referee:
 
     @classmethod
     def from_environment(cls) -> "Referee":
-        """The referee that `PHYSMENT_REFEREE_URL` and `PHYSMENT_REFEREE_TOKEN` name."""
+        """Return a client of the referee that `PHYSMENT_REFEREE_URL` and `PHYSMENT_REFEREE_TOKEN` name."""
         return cls(os.environ.get(URL_VARIABLE) or URL, os.environ.get(TOKEN_VARIABLE) or None)
 
     def open(self, scene: int | None = None, seed: int | None = None, **options: Any) -> OpenedEpisode:
@@ -132,7 +132,7 @@ class Referee:
         self._ask("DELETE", f"/episodes/{episode_id}", None, owner_token)
 
     def check(self, scene: int | None = None, seed: int | None = None, **options: Any) -> Reward:
-        """The reward of the scene's reference protocol, played on the same host.
+        """Let the referee's host play the reference protocol of a scene; returns the reward.
 
         Args:
             scene: As for `open`.
@@ -186,12 +186,13 @@ def read_variants(
     indices: str = "",
     random_seeds: str = "",
 ) -> Iterator[Variant]:
-    """Variants to ask a referee for, each as the arguments of `Referee.open`.
+    """Return variants to request from a referee, each as the arguments of `Referee.open`.
 
     Args:
         scenes: Ids and ranges such as `7,21-30`.
-        seeds: The same for seeds (by default 1); all scenes come with the first seed before the second.
-        file: A line of JSON for each variant, such as `{"scene": 7, "seed": 3}`; the other arguments are then ignored.
+        seeds: Seeds and ranges (by default 1); all scenes come with the first seed before the second.
+        file: A file with a line of JSON for each variant, such as `{"scene": 7, "seed": 3}`; other arguments are then
+            ignored.
         split: Name of a split; its variants are selected by one of the following, or by scenes and seeds.
         indices: Indices in the split, such as `0-99`.
         random_seeds: Each draws an index in the split; with `scenes`, one of each scene.
@@ -239,7 +240,7 @@ def _in_file(file: Path) -> Iterator[Variant]:
 
 
 def name_of(variant: Variant) -> str:
-    """A short name of a requested variant, such as `scene7-seed3` or `train-index0`."""
+    """Return a short name of a requested variant, such as `scene7-seed3` or `train-index0`."""
     parts = [variant["split"]] if "split" in variant else []
     return "-".join([*parts, *(f"{name}{variant[name]}" for name in _NUMBERS if name in variant)])
 

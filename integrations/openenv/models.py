@@ -30,7 +30,7 @@ class PhysmentObservation(Observation):
 
 
 class PhysmentState(State):
-    """Where an episode is."""
+    """The state of an episode."""
 
     scene: int | None = None
     split: str | None = None

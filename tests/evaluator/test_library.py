@@ -1,4 +1,4 @@
-"""The public interface for Python programs: the names it has, and that they do what the commands do."""
+"""Tests of the public interface for Python programs: its names, and that its functions do what the commands do."""
 
 import json
 import subprocess
@@ -56,7 +56,7 @@ async def test_episodes_share_a_laboratory_and_their_prompts_have_examples_if_as
 
 
 def logged(tool: str, start: float, **arguments: Any) -> dict[str, Any]:
-    """A call as the log of a host has it."""
+    """Return a call as it stands in the log of a host."""
     return {"tool": tool, "arguments": arguments, "returned": True, "is_error": False, "content": {}, "text": "{}"} | {
         "started_s": start,
         "duration_s": 0.5,

@@ -1,8 +1,7 @@
-"""Work on what an agent wrote is in proportion to its length, so that no text can hold the evaluator up.
+"""Tests that the work on an agent's text is linear in its length, so that no text can block the evaluator.
 
-The work is counted and not timed, as calls of functions. A text that is twice as long makes twice the work; the square
-of the length would make four times. `make bench` prints what the same texts take in time; searches by regular
-expressions, which count as one call each, are in it.
+Work is counted in function calls instead of timed. A text of twice the length must take twice the work; quadratic work
+would take four times. Searches by regular expressions count as one call each; `make bench` times the same texts.
 """
 
 from collections.abc import Callable
@@ -58,7 +57,7 @@ KEYS = [
 
 
 def growth(work: Callable[[str], int], piece: str, length: int) -> float:
-    """By what factor the work grows when a text that repeats a piece becomes twice as long."""
+    """Return the factor by which the work grows when a text that repeats a piece becomes twice as long."""
     once, twice = ((piece * (size // len(piece) + 1))[:size] for size in (length, 2 * length))
     work(once)  # fills caches
     return work(twice) / work(once)

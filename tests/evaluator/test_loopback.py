@@ -1,4 +1,4 @@
-"""Pages for this machine alone: which requests reach them."""
+"""Tests of pages that only this machine may request."""
 
 import httpx
 import pytest

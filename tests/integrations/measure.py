@@ -1,8 +1,8 @@
-"""Plays the reference protocols of random pairs through each integration, and measures what an episode costs.
+"""Plays the reference protocols of random variants through each integration, and measures the cost of an episode.
 
 python -m tests.integrations.measure [NAME...] [--count N] [--seed S]
 
-The model is the scripted one over the wire, without its wrong calls. Each call is an iteration. The processor time is
+The model is the scripted one over HTTP, without its wrong calls. Each call is an iteration. The processor time is
 that of the programs of the integration, the referee and the host, without the model.
 """
 
@@ -30,7 +30,7 @@ BUDGET = 1000
 
 
 def in_verifiers(stand: Stand, pairs: Pairs) -> list[float]:
-    """The rewards in verifiers, two episodes at a time."""
+    """Play in verifiers, two episodes at a time; returns the rewards."""
     words = ["--no-push", "--no-rich", "-m", "scripted", "--client.base-url", f"{stand.model}/v1", "-c", "2"]
     words += ["--env.taskset.pairs", str(_file(stand, pairs)), "--env.taskset.task.budget", str(BUDGET)]
     done = stand.run("vf-eval", "physment", *words, "--run.name", "all", "-o", stand.scratch / "out")
@@ -42,7 +42,7 @@ def in_verifiers(stand: Stand, pairs: Pairs) -> list[float]:
 
 
 def in_openenv(stand: Stand, pairs: Pairs) -> list[float]:
-    """The rewards in OpenEnv, in one session."""
+    """Play in OpenEnv, in one session; returns the rewards."""
     with serving_openenv(stand) as url:
         named = [json.dumps({"scene": scene, "seed": seed}) for scene, seed in pairs]
         done = stand.run("python", OPENENV, url, stand.model, BUDGET, *named)
@@ -50,7 +50,7 @@ def in_openenv(stand: Stand, pairs: Pairs) -> list[float]:
 
 
 def in_nemo_gym(stand: Stand, pairs: Pairs) -> list[float]:
-    """The rewards in NeMo Gym, one row after another."""
+    """Play in NeMo Gym, one row after another; returns the rewards."""
     words = ["-m", "physment_nemo_gym.dataset", "--pairs", _file(stand, pairs), "--budget", BUDGET]
     rows = stand.scratch / "rows.jsonl"
     rows.write_text(stand.run("python", *words).stdout, encoding="utf-8")

@@ -1,4 +1,4 @@
-"""What the tests of all integrations share: a referee with a run folder, the scripted model, and our own play."""
+"""Shared by the tests of all integrations: a referee with a run folder, the scripted model, and the expected play."""
 
 import contextlib
 import json
@@ -31,7 +31,7 @@ ENVIRONMENTS = Path(os.environ.get("PHYSMENT_INTEGRATIONS") or ROOT / ".integrat
 
 @dataclass(frozen=True)
 class Stand:
-    """A referee, a model, and what the referee recorded."""
+    """A test stand: a referee, a model, and the episodes that the referee recorded."""
 
     referee: str
     model: str
@@ -49,7 +49,7 @@ class Stand:
         )  # fmt: skip
 
     def environment(self) -> dict[str, str]:
-        """Environment variables of its programs, without what leads to our packages."""
+        """Environment variables of its programs, without paths to this project's packages."""
         kept = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
         ours = {"PHYSMENT_REFEREE_URL": self.referee, "OPENAI_BASE_URL": f"{self.model}/v1", "OPENAI_API_KEY": KEY}
         return {**kept, **ours, "PATH": f"{self.programs}{os.pathsep}{os.environ['PATH']}"}
@@ -61,7 +61,7 @@ class Stand:
 
 @contextlib.contextmanager
 def standing(integration: str, scratch: Path) -> Generator[Stand]:
-    """A stand for an integration; skips the test if its environment is not there."""
+    """Create a test stand for an integration; skips the test if its environment is missing."""
     programs = ENVIRONMENTS / integration / "bin"
     if not programs.is_dir():
         pytest.skip(f"{integration} is not installed; `python -m tests.harness.frameworks {integration}` installs it")
@@ -78,7 +78,7 @@ def standing(integration: str, scratch: Path) -> Generator[Stand]:
 
 
 def rehearsed(scene: int, seed: int, budget: int = 20) -> Episode:
-    """What `physment-eval` makes of the scripted model."""
+    """Play the scripted model with `physment-eval`; its episode is the expected one."""
 
     async def play() -> Episode:
         key = episode_key(scene, seed=seed, agent="rehearsed", budget=budget)
@@ -94,7 +94,7 @@ def grade_of(episode: Episode) -> Grade:
 
 
 def check_same(recorded: Episode, ours: Episode) -> None:
-    """An episode of an integration has the prompt, calls, returns, outcome, answer and grade of ours."""
+    """Check that an episode has the prompt, calls, results, outcome, answer and grade of the expected one."""
     assert recorded.prompt == ours.prompt
     assert list(map(canonical, exchanges_of(recorded))) == list(map(canonical, exchanges_of(ours)))
     assert (recorded.outcome, recorded.answer) == (ours.outcome, ours.answer)
@@ -102,7 +102,7 @@ def check_same(recorded: Episode, ours: Episode) -> None:
 
 
 def place_of(scene: int, seed: int) -> int:
-    """The place of a variant in the split `train`."""
+    """Return the index of a variant in the split `train`."""
     train = splits()["train"]
     return train.scenes.index(scene) + len(train.scenes) * train.seeds.index(seed)
 

@@ -1,4 +1,4 @@
-"""The real Harbor reads the tasks and runs trials of them: schema, agent, collection of the log, verifier."""
+"""Tests with the real Harbor, which reads the tasks and runs trials: schema, agent, log collection, verifier."""
 
 import json
 import os
@@ -62,7 +62,7 @@ def folder(python: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def namespaces_work() -> bool:
-    """Whether this system lets us make the namespaces that stand for containers."""
+    """Return whether this system lets the tests create the namespaces that replace containers."""
     words: Sequence[str] = ("unshare", "-n", "-m", "sh", "-c", "ip link set lo up && mount --bind /usr /usr")
     try:
         return os.geteuid() == 0 and subprocess.run(words, capture_output=True, check=False).returncode == 0

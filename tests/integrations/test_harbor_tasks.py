@@ -1,4 +1,4 @@
-"""Task folders of Harbor: their scripts are run as in their containers, and what an agent can reach is tried."""
+"""Tests of Harbor task folders: their scripts run as in their containers, and the agent's access is tried."""
 
 import contextlib
 import json
@@ -26,7 +26,7 @@ ENVIRONMENT = {"PATH": PATH, "PYTHONPATH": str(ROOT)}
 
 @dataclass(frozen=True)
 class Containers:
-    """The parts of a task as they lie in their containers."""
+    """The files of a task, arranged as in its containers."""
 
     task: Path
     root: Path
@@ -63,7 +63,7 @@ def task(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @contextlib.contextmanager
 def started(task: Path, root: Path) -> Generator[Containers]:
-    """The laboratory of a task, as its container starts it."""
+    """Start the laboratory of a task as its container does."""
     shutil.copytree(task / "environment" / "laboratory", root / "laboratory")
     with socket.create_server(("127.0.0.1", 0)) as listener:
         port = listener.getsockname()[1]

@@ -1,6 +1,6 @@
 # The optional library is not in the environment in which types are checked.
 # pyright: reportMissingImports=false
-"""Inspect AI's own reader opens the exported logs and finds what the records hold."""
+"""Tests that Inspect AI's reader opens the exported logs and finds the content of the records."""
 
 from typing import Any
 

@@ -2,7 +2,7 @@
 # pyright: reportMissingImports=false
 # ruff: noqa: E402 - imports that need the library follow the check that it is installed
 
-"""Inspect AI plays and grades as `physment-eval` does: the same turns, returns, outcome, answer and verdicts."""
+"""Tests that Inspect AI plays and grades as `physment-eval` does: equal turns, results, outcome, answer, verdicts."""
 
 import json
 import os

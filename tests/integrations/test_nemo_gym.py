@@ -1,4 +1,4 @@
-"""The real NeMo Gym serves the laboratory: the same calls, returns, outcome and grade as `physment-eval`."""
+"""Tests with the real NeMo Gym: the same calls, results, outcome and grade as with `physment-eval`."""
 
 import json
 from collections.abc import Generator

@@ -1,4 +1,4 @@
-"""The real OpenEnv serves the laboratory: the same calls, returns, outcome and grade as `physment-eval`."""
+"""Tests with the real OpenEnv: the same calls, results, outcome and grade as with `physment-eval`."""
 
 import contextlib
 import json
@@ -27,7 +27,7 @@ class Served:
     url: str
 
     def played(self, budget: int, *variants: dict[str, Any]) -> list[dict[str, Any]]:
-        """What the program says of each episode."""
+        """Play episodes and return the program's output for each."""
         done = self.stand.run("python", PROGRAM, self.url, self.stand.model, budget, *map(json.dumps, variants))
         assert done.returncode == 0, done.stderr[-2000:]
         return [json.loads(line) for line in done.stdout.splitlines()]

@@ -1,4 +1,4 @@
-"""The real verifiers plays and validates: the same calls, returns, outcome and grade as `physment-eval`."""
+"""Tests with the real verifiers: the same calls, results, outcome and grade as with `physment-eval`."""
 
 import json
 from collections.abc import Generator
@@ -68,7 +68,7 @@ def test_iterations_are_turns_and_end_the_episode(stand: Stand) -> None:
 
 
 async def talk_then_answer(request: Request) -> Response:
-    """A model that first only talks, and then answers wrongly."""
+    """A model that first writes only prose, and then answers wrongly."""
     messages = (await request.json())["messages"]
     if any(message["role"] == "assistant" for message in messages):
         function = {"name": "answer", "arguments": json.dumps({"answer": -1.0})}

@@ -46,7 +46,7 @@ def write_pack(tmp_path: Path) -> WritePack:
 
 @pytest.fixture
 def open_lab(write_pack: WritePack) -> OpenLab:
-    """Opens a lab on a pack; by default the one with objects of all kinds."""
+    """Open a lab on a pack; by default the pack with objects of all kinds."""
 
     @contextlib.asynccontextmanager
     async def opened(
@@ -71,7 +71,7 @@ def command() -> Command:
 
 @pytest.fixture
 def inside(write_pack: WritePack, pack: dict[str, Any], xml: str) -> OpenHost:
-    """A host in this process, spoken to without sockets."""
+    """Start a host in this process, and connect to it without sockets."""
     folder = write_pack(pack, xml)
 
     @contextlib.asynccontextmanager

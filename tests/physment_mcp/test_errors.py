@@ -1,4 +1,4 @@
-"""Refusals are one short printable sentence, whatever a client wrote."""
+"""Tests that refusals are one short printable sentence, whatever a client wrote."""
 
 import pytest
 

@@ -1,4 +1,4 @@
-"""Scenes are kept to be opened again: an episode is the same whether its scene was kept or compiled anew."""
+"""Tests of the cache of scenes: an episode is the same with a cached and a newly compiled scene."""
 
 import random
 import shutil
@@ -22,7 +22,7 @@ SCENES = [7, 21, 60, 97, 100, 203]
 
 
 def told(session: Session, name: str, arguments: dict[str, Any]) -> str:
-    """What a call tells the agent."""
+    """Return the result of a call as the agent receives it."""
     try:
         return call(session, name, arguments).model_dump_json()
     except RefusedCall as refusal:
@@ -30,7 +30,7 @@ def told(session: Session, name: str, arguments: dict[str, Any]) -> str:
 
 
 def contents(session: Session) -> tuple[Any, ...]:
-    """All that a session holds, bit by bit."""
+    """Return everything that a session holds, for bitwise comparison."""
     world = session.world.save()
     starts = [item.start.tobytes() for item in session.state.objects.values()]
     about = (session.scene.mjcf, session.scene.public.model_dump_json(), opening_prompt(session))

@@ -1,4 +1,4 @@
-"""The laboratory as a library: its public names, and an episode in this process."""
+"""Tests of the laboratory as a library: its public names, and an episode in this process."""
 
 import ast
 import inspect
@@ -50,7 +50,7 @@ def test_a_name_that_is_not_there_is_an_attribute_error() -> None:
 
 
 def test_nothing_inside_the_package_imports_its_public_names() -> None:
-    """Otherwise every module would depend on `library`, and imports would form a circle."""
+    """Such an import would make a module depend on `library`, and imports circular."""
     root = Path(str(physment_mcp.__file__)).parent
     importing = [
         path.relative_to(root)

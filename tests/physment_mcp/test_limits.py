@@ -1,4 +1,4 @@
-"""The limits of a scene: a call beyond one is refused with what is left, and changes nothing."""
+"""Tests of scene limits: a call beyond a limit is refused with the remaining amount, and changes nothing."""
 
 import math
 from typing import Any

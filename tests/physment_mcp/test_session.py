@@ -1,4 +1,4 @@
-"""Time, limits and roll-back; readings change nothing; the same calls give the same episode."""
+"""Tests of time, limits and roll-back; readings change nothing; the same calls give the same episode."""
 
 import math
 import threading
@@ -219,7 +219,7 @@ slow = settings(max_examples=40, derandomize=True, suppress_health_check=[Health
 
 
 async def play(lab: Bench, calls: list[tuple[str, dict[str, Any]]]) -> list[Any]:
-    """Results and refusals; a refusal is checked to change nothing."""
+    """Make calls; returns results and refusals, and checks that refusals change nothing."""
     told = []
     for tool, arguments in calls:
         before = lab.fingerprint()

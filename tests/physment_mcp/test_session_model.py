@@ -1,4 +1,4 @@
-"""A session against a model of it in dictionaries and closed forms: whatever is called, both agree."""
+"""Compares a session with a model of dictionaries and closed forms, under random calls."""
 
 import math
 from dataclasses import dataclass, replace
@@ -34,7 +34,7 @@ FORCES = st.sampled_from((0.0, 1.5, -4.0, 5.0, 5.1))
 
 @dataclass(frozen=True)
 class Thing:
-    """An object as the model sees it. All motion is vertical."""
+    """An object in the model. All motion is vertical."""
 
     mass: float
     height: float
@@ -95,7 +95,7 @@ class SessionModel(RuleBasedStateMachine):
         return self.answer is not None or (self.max_calls is not None and self.calls >= self.max_calls)
 
     def tell(self, tool: str, allowed: bool, **arguments: Any) -> dict[str, Any] | None:
-        """Make the call and check that it is refused exactly if the model says so; returns its result."""
+        """Make a call, check that it is refused exactly if the model says so, and return its result."""
         before = fingerprint(self.session)
         if self.over:
             with pytest.raises(EpisodeOver):
@@ -237,7 +237,7 @@ def test_the_session_agrees_with_its_model() -> None:
 
 
 class ForgetfulSession(SessionModel):
-    """The model of a laboratory that would forget a pair when one of the two is pushed."""
+    """The model of a faulty laboratory that forgets a pair when one of the two is pushed."""
 
     @rule(pick=PICKS)
     def push_and_forget(self, pick: int) -> None:

@@ -1,4 +1,4 @@
-"""The pack hash: a change of a pack changes it, a change of layout does not; older hashes of bytes are still read."""
+"""Tests of the pack hash: it depends on content and not on layout; older byte hashes are still understood."""
 
 import ast
 import json
@@ -155,7 +155,7 @@ SAMPLE = [find_pack(scene) for scene in (7, 21, 54, 101)]
 
 
 def relaid(files: PackFiles, folder: Path, draw: random.Random) -> PackFiles:
-    """A copy of a pack with its files written in another way."""
+    """Return a copy of a pack whose files have another layout."""
     copied = PackFiles(files.scene_id, folder)
     pack = json.loads(files.json.read_text(encoding="utf-8"))
     fields = list(pack.items())
@@ -185,7 +185,7 @@ def test_no_layout_changes_the_hash(
 
 
 def places(value: Any) -> Iterator[tuple[Any, Any]]:
-    """Every place in a JSON value: what holds it, and its name or number there."""
+    """Yield every place in a JSON value: its container, and its name or index there."""
     items = value.items() if isinstance(value, dict) else enumerate(value) if isinstance(value, list) else ()
     for name, inner in items:
         yield value, name

@@ -1,4 +1,4 @@
-"""Fitting laws of motion: synthetic courses whose constants are known in closed form."""
+"""Tests of fitting laws of motion: synthetic courses whose constants are known in closed form."""
 
 from dataclasses import replace
 
@@ -113,7 +113,7 @@ def _swinging(_: str, knobs: Knobs, __: object, state: Array, controls: Array) -
 
 
 def _swung(legs: int, longest_s: float, starts: int) -> tuple[Laws, Course]:
-    """Laws of a spring whose speed is not read, and swings x = cos(3 t), read after legs of 0.35 s."""
+    """Return laws of a spring without speed readings, and swings x = cos(3 t), read after legs of 0.35 s."""
     laws = Laws(
         rates=_swinging,
         structures={"spring": ("w",)},
@@ -135,7 +135,7 @@ def test_a_search_that_explains_nothing_is_repeated_from_other_starts() -> None:
 
 
 def test_the_last_fit_takes_shorter_steps_than_the_search() -> None:
-    """A step of 0.35 s is 1.05 rad of the swing, at which the Runge-Kutta method errs by half a per cent of phase."""
+    """A step of 0.35 s is 1.05 rad of the swing, for which the Runge-Kutta phase error is half a per cent."""
     laws, course = _swung(12, 0.35, starts=200)
     assert laws.best(course)[1]["w"] == pytest.approx(9.0, rel=1e-3)
 

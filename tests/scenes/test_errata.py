@@ -1,4 +1,4 @@
-"""The errata of a folder of packs are read as they stand, or refused in one sentence."""
+"""Tests that errata of a folder of packs are read, or refused in one sentence."""
 
 import datetime as dt
 import json

@@ -1,4 +1,4 @@
-"""Comparing laws on the same readings: cases of linear least squares whose results are known in closed form."""
+"""Tests of comparing laws on the same readings: linear least squares with results known in closed form."""
 
 import math
 from dataclasses import replace
@@ -15,7 +15,7 @@ PLACES = np.arange(1.0, 6.0)
 
 
 def line(read: Array, ranges: tuple[float, float] = (-100.0, 100.0)) -> Member:
-    """A straight line through 0, fitted; the answer is its value at 10."""
+    """Fit a straight line through 0; the answer is its value at 10."""
     slope = float(PLACES @ read / (PLACES @ PLACES))
     return member(lambda p: (p[0] * PLACES - read) / SIGMA, lambda p: float(10 * p[0]), [slope], [ranges])
 

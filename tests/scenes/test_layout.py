@@ -1,4 +1,4 @@
-"""Packs laid out: the same content in one layout, which laying out again does not change."""
+"""Tests of the formatter of packs: content is unchanged, and formatting twice changes nothing."""
 
 import json
 from collections.abc import Callable

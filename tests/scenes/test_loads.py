@@ -1,4 +1,4 @@
-"""Balls of known mass: what they weigh, how a pan and a lever are loaded, and what is read back from the calls."""
+"""Tests of balls of known mass: their mass, loading of pans and levers, and the data extracted from calls."""
 
 from math import cos, pi
 from types import SimpleNamespace
@@ -50,7 +50,7 @@ def test_a_refused_load_weighs_nothing() -> None:
 
 
 class _Wheel:
-    """A wheel on a spring in thick oil: k a = sum of m g l cos(a - b), each ball joined at the angle b."""
+    """A wheel on a spring in thick oil: k a = sum of m g l cos(a - b), each ball attached at the angle b."""
 
     def __init__(self) -> None:
         self.made: dict[str, float] = {}
@@ -135,7 +135,7 @@ def test_a_pan_is_loaded_more_and_more_until_it_sinks_visibly() -> None:
 
 
 class _Engine:
-    """A wheel with drag, pressed pans and no time of its own but steps of 0.01 s."""
+    """A fake engine with a damped wheel and pans, and time steps of 0.01 s."""
 
     def __init__(self, drag: float) -> None:
         self.drag, self.torque, self.spin = drag, 0.0, 0.0

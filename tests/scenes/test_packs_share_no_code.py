@@ -1,4 +1,4 @@
-"""Packs hold physics only: what two of them would share belongs into the library of protocols."""
+"""Tests that packs share no code: common code belongs in the library of protocols."""
 
 import ast
 import itertools
@@ -20,7 +20,7 @@ FUNCTIONS_STILL_SHARED: set[tuple[int, int]] = set()
 
 
 def _meaningful(source: str) -> Counter[str]:
-    """Lines of a solution without imports, docstrings, comments, the names that the loader asks for, and short ones."""
+    """Return a solution's lines without imports, docstrings, comments, required names, and short lines."""
     left_out = set[int]()
     for node in ast.walk(ast.parse(source)):
         text = isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant) and isinstance(node.value.value, str)

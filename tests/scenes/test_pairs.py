@@ -1,4 +1,4 @@
-"""Two bodies behind a joint: steady states are at rest in the equations of motion, and a net ends the course."""
+"""Tests of coupled bodies: steady states solve the equations of motion, and a net ends the course."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Leading a puck: pushes and looks, the mass from a course in closed form, and pushes that stay on the floor."""
+"""Tests of pushing a puck: pushes and readings, the mass from a closed-form course, and staying on the floor."""
 
 from dataclasses import replace
 from typing import Any
@@ -44,7 +44,9 @@ FLOOR = PuckFloor(
 def _read(
     calls: list[Call], state: Array, held: Array, wind: Array | float = 0.0
 ) -> tuple[list[dict[str, Any]], Array, Array]:
-    """What a floor with linear drag and a uniform force returns: v = F/c + (v0 - F/c) e^(-ct/m), and its integral."""
+    """Return readings on a floor with linear drag and a uniform force: v = F/c + (v0 - F/c) e^(-ct/m), and its
+    integral.
+    """
     found: list[dict[str, Any]] = []
     for asked in calls:
         if asked.tool == "apply_force":

@@ -1,4 +1,4 @@
-"""Pumping a body on a spring: half swings end at rest, grow up to the reach, and stay short of it for every member."""
+"""Tests of pumping a body on a spring: half swings end at rest, grow, and stay within the reach for every member."""
 
 from dataclasses import replace
 from typing import Any
@@ -27,7 +27,7 @@ KNOWN = np.array([[MASS], [STIFFNESS]])
 
 
 def _followed(calls: list[Call], state: tuple[float, float], stiffness: float = STIFFNESS) -> Array:
-    """Places and speeds of a body on a spring after each look, in closed form; shape (looks, 2)."""
+    """Return positions and speeds of a body on a spring after each look, in closed form; shape (looks, 2)."""
     (x, v), rest, turn, path = state, 0.0, (stiffness / MASS) ** 0.5, list[tuple[float, float]]()
     for asked in calls:
         if asked.tool == "apply_force":
@@ -63,7 +63,7 @@ def test_half_swings_end_at_rest_and_grow_up_to_the_reach() -> None:
 
 
 def test_no_plausible_member_passes_the_reach() -> None:
-    """The softest spring goes as far as the reach, so the stiffer one that is thought best is pushed less."""
+    """The softest spring swings up to the reach, so the stiffer best-fit spring is pushed less."""
     soft = 0.7 * STIFFNESS
     both = np.array([[MASS, MASS], [STIFFNESS, soft]])
     start = (0.6, -0.1)
@@ -87,7 +87,7 @@ def test_a_body_beyond_the_force_is_braked_with_all_of_it() -> None:
 
 
 def _pumped(pump: Pump) -> list[list[Call]]:
-    """The calls of each turn when a body on the spring is pumped up from rest."""
+    """Return the calls of each turn when a body on the spring is pumped up from rest."""
     turns, state, push = list[list[Call]](), (0.0, 0.0), 0.0
     led = pump.pumped(pump.rig.along(PUSH_N, (0.2, 0.4)), lambda _: KNOWN)
     calls = next(led)

@@ -1,4 +1,4 @@
-"""A rig: the calls of a leg, what they tell of afterwards, and pushes that grow until something moves."""
+"""Tests of rigs: the calls of a leg, the course from its results, and pushes that grow until the body moves."""
 
 import numpy as np
 import pytest

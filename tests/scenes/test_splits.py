@@ -1,4 +1,4 @@
-"""The splits of the suite: complete, apart from each other, and fixed."""
+"""Tests of the suite's splits: complete, disjoint and unchanged."""
 
 import hashlib
 import re

@@ -1,4 +1,4 @@
-"""Laws of springs: pull and energy agree, and each kind is recovered from its own forces."""
+"""Tests of spring laws: pull and energy agree, and each kind is recovered from its own forces."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Forces that grow step by step on a body in oil, the rows at rest, strengths from places with errors, late parts."""
+"""Tests of stepwise loading of a body in oil: forces, rows at rest, fitted strengths, late supports."""
 
 from typing import Any
 
@@ -29,7 +29,7 @@ STEPS = PushSteps(
 
 
 class _Body:
-    """A body on a spring in oil; the other body rises with it by a tenth."""
+    """A body on a spring in oil; another body moves with it by a tenth."""
 
     def __init__(self) -> None:
         self.force = self.way = self.speed = self.fastest = 0.0

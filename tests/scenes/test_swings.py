@@ -1,4 +1,4 @@
-"""Leading a swing: touches, rough fits leg by leg, planned pushes short of a reach, and a prediction in closed form."""
+"""Tests of driving swings: touches, fits by legs, planned pushes within a reach, and a closed-form prediction."""
 
 from typing import Any
 
@@ -54,7 +54,7 @@ SWING = Swing(
 
 
 def _read(calls: list[Call], state: Array, held: float) -> tuple[list[dict[str, Any]], Array, float]:
-    """What a glider on a spring returns: a swing about F / (m w), in closed form."""
+    """Return readings of a glider on a spring: a swing about F / (m w), in closed form."""
     found: list[dict[str, Any]] = []
     for asked in calls:
         if asked.tool == "apply_force":
@@ -74,7 +74,7 @@ def _read(calls: list[Call], state: Array, held: float) -> tuple[list[dict[str, 
 
 
 def _played(protocol: Any) -> tuple[list[list[Call]], list[float], Any]:
-    """Calls, places and answer of a protocol."""
+    """Return calls, positions and answer of a protocol."""
     playing, state, held = protocol(""), np.zeros(2), 0.0
     batches, places = [next(playing)], list[float]()
     while batches[-1][-1].tool != "answer":

@@ -1,4 +1,4 @@
-"""Wheels under loads: how a pan is loaded, how a wheel is turned step by step, and that resistances are recovered."""
+"""Tests of wheels under loads: loading of a pan, stepwise turning of a wheel, and recovered resistances."""
 
 from collections.abc import Generator
 from typing import Any

@@ -1,4 +1,4 @@
-"""A potential from places, speeds and works: points of a motion, errors that go together, and the time of a way."""
+"""Tests of potentials from positions, speeds and work: points of a motion, correlated errors, travel times."""
 
 from math import pi
 from typing import Any
@@ -17,13 +17,13 @@ RIG = Rig([force("object_1", 0)], [position("object_1", 0), velocity("object_1",
 
 
 def _fit(chi_square: float, constants: list[float], free: list[int]) -> Refit:
-    """A fit whose two points tell nothing of its constants."""
+    """Return a fit whose two points do not depend on its constants."""
     size = len(free)
     return Refit(chi_square, np.array(constants), free, lambda _: np.zeros(2), np.ones(size), np.full(size, 10.0))
 
 
 def _swung(pushes: list[float]) -> list[tuple[Call, dict[str, Any]]]:
-    """A body of 1 kg on a spring under pushes of 0.6 s, in closed form."""
+    """Return the motion of a body of 1 kg on a spring under pushes of 0.6 s, in closed form."""
     seen: list[tuple[Call, dict[str, Any]]] = []
     turn, x, v = STIFFNESS**0.5, 0.0, 0.0
     for push in pushes:
@@ -101,7 +101,7 @@ def test_constants_of_which_nothing_is_known_are_drawn_over_their_usual_size_wit
 
 
 def test_no_draw_contradicts_the_points_where_only_the_linearisation_allows_it() -> None:
-    """A cord that begins at b pulls k (1 - b) at 1 m: of k and b alone, linear least squares see a straight line."""
+    """A cord that engages at b pulls k (1 - b) at 1 m; linear least squares restrict k and b only along a line."""
     error = 0.05
 
     def misfits(p: Array) -> Array:
@@ -140,7 +140,7 @@ def test_the_time_of_a_half_swing_between_its_turning_points() -> None:
 
 
 def test_structures_are_weighed_on_the_same_points_with_the_same_errors() -> None:
-    """Points of x²: a spring fits, and so does a spring with a part x⁴ whose factor is then 0; x⁴ alone does not."""
+    """The points are x²: a spring fits, a spring with an x⁴ part fits with factor 0, and x⁴ alone does not fit."""
     places, error = np.linspace(-1.0, 1.0, 21), 0.01
     energies = 2.0 * places**2 + error * np.random.default_rng(1).standard_normal(len(places))
     found = weighed(

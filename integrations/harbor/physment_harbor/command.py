@@ -1,4 +1,4 @@
-"""`physment-eval harbor write|grade`: variants as task folders of Harbor, and the reward of an episode played there."""
+"""`physment-eval harbor write|grade`: writes variants as Harbor tasks, and grades an episode that Harbor played."""
 
 import argparse
 import json
@@ -91,7 +91,7 @@ def _write(args: argparse.Namespace) -> int:
 
 
 async def _write_all(args: argparse.Namespace, variants: list[tuple[str, int, int]]) -> int:
-    """Write the tasks; returns how many are left out."""
+    """Write the tasks; returns the number of omitted variants."""
     left_out = 0
     async with connect("host", args.scenes_dir) as laboratory:
         for name, scene, seed in variants:
@@ -111,15 +111,15 @@ def _grade(args: argparse.Namespace) -> int:
 
 
 def rewards(log: Path, episode: Path, scenes_dir: Path | None) -> dict[str, float]:
-    """The rewards of a task, by name. It runs in a container to which no agent had access.
+    """Return the rewards of a task by name. Runs in a container to which no agent had access.
 
     Args:
-        log: The log of the laboratory, as a host publishes it.
+        log: The call log of the laboratory, as a host publishes it.
         episode: The `episode.json` of the task.
-        scenes_dir: Folder of whole packs; None for the suite.
+        scenes_dir: Folder of complete packs; None for the suite.
 
     Returns:
-        `reward` and `strict`: 1 if the answer is strictly correct, otherwise 0; `normalised`: the same with normalised
+        `reward` and `strict`: 1 if the answer is strictly correct, otherwise 0; `normalised`: the same by normalised
         grading; `graded`: the share of its parts that are right; `answered`; `calls`.
 
     Raises:

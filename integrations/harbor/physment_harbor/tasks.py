@@ -1,8 +1,8 @@
-"""A task of Harbor (schema 1.4): plays a variant once with the reference protocol, and writes its files.
+"""Writes a Harbor task (schema 1.4) for a variant, after the reference protocol has played it once.
 
 A task has three containers, of which an agent can access one. `main` is the agent's, without any file of this project.
-`laboratory` has the drawn model of this variant and no answer. The verifier's has the answer keys, and starts after the
-agent's has ended.
+`laboratory` has the drawn model of this variant and no answer. The verifier's container has the answer keys, and starts
+after the agent's has stopped.
 """
 
 import json
@@ -25,7 +25,7 @@ _CALLS = 200
 
 @dataclass(frozen=True, slots=True)
 class Rehearsal:
-    """A variant as it was played once."""
+    """The record of a variant that the reference protocol has played."""
 
     scene: int
     seed: int
@@ -44,7 +44,7 @@ async def rehearse(laboratory: EpisodeConnector, scene: int, seed: int, scenes_d
         laboratory: Connector to the laboratory.
         scene: Id of the scene.
         seed: Seed of the variant.
-        scenes_dir: Folder of whole packs; None for the suite.
+        scenes_dir: Folder of complete packs; None for the suite.
 
     Raises:
         UsageError: There is no such scene, it has no key, or the protocol does not solve this variant.
@@ -60,7 +60,7 @@ async def rehearse(laboratory: EpisodeConnector, scene: int, seed: int, scenes_d
 
 
 def _most_calls(solution: int, scene: int, scenes_dir: Path | None) -> int:
-    """The scene's limit of calls plus the answer; without a limit, at least those of the solution, in hundreds."""
+    """Return the scene's call limit plus one for the answer; without a limit, the solution's calls in hundreds."""
     limits = read_public(find_pack(scene, scenes_dir)).limits
     if limits is not None and limits.calls is not None:
         return limits.calls + 1

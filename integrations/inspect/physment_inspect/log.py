@@ -90,7 +90,7 @@ def _log(run: RunRecord, agent: str, pairs: Graded) -> log.EvalLog:
 
 
 def _results(pairs: Graded) -> log.EvalResults:
-    """The means that Inspect shows, without episodes that an infrastructure error ended, as in `summary.json`."""
+    """Return the means that Inspect shows, without episodes with an infrastructure error, as in `summary.json`."""
     scored = [record.grade for _, record in pairs if record.grade.strict is not Verdict.UNSCORED]
     values = {
         "strict": [float(grade.strict is Verdict.CORRECT) for grade in scored],
@@ -137,7 +137,7 @@ def _sample(episode: Episode, record: GradeRecord) -> log.EvalSample:
 
 
 def score_of(episode: Episode, grade: Grade) -> Score:
-    """The grade of an episode as Inspect records it."""
+    """Convert the grade of an episode to a score of Inspect."""
     return Score(
         value={
             "strict": float(grade.strict is Verdict.CORRECT),
@@ -161,7 +161,7 @@ def _usage(used: Usage) -> model.ModelUsage:
 
 
 def _messages(episode: Episode) -> Iterator[model.ChatMessage]:
-    """The conversation, as the agent had it."""
+    """Convert the turns to the conversation that the agent had."""
     yield model.ChatMessageUser(content=episode.prompt)
     for number, turn in enumerate(episode.turns, start=1):
         yield from _turn(number, turn)

@@ -90,14 +90,14 @@ def physment(
 
 
 def _selection(value: str | int | list[str | int] | None) -> str | None:
-    """A selection as text. Inspect's command line converts parts of it to numbers and lists."""
+    """Return a selection as text. Inspect's command line converts parts of it to numbers and lists."""
     if value is None:
         return None
     return ",".join(map(str, value)) if isinstance(value, list) else str(value)
 
 
 def _sample(key: EpisodeKey) -> Sample:
-    """A sample for an episode, without its answer. The laboratory writes its opening prompt."""
+    """Create a sample for an episode, without its answer. The laboratory writes its opening prompt."""
     pack = read_pack(find_pack(key.scene))
     return Sample(
         id=f"scene{key.scene}-seed{key.seed}",
@@ -131,7 +131,7 @@ def experimenter(server: str) -> Solver:
 
 @dataclass(slots=True)
 class _InspectAgent:
-    """Inspect's model as an agent. The conversation is kept in the sample."""
+    """The model of Inspect as an agent. The sample keeps the conversation."""
 
     model: Model
     state: TaskState
@@ -174,7 +174,7 @@ class _Player:
 
 
 def _returns(output: ModelOutput, exchanges: Sequence[Exchange]) -> list[ChatMessageTool]:
-    """The return of each call of a turn, even if it was not run."""
+    """Return the result message of each call of a turn, even if the call was not run."""
     returns: list[ChatMessageTool] = []
     for number, call in enumerate(output.message.tool_calls or ()):
         exchange = exchanges[number] if number < len(exchanges) else None
@@ -186,7 +186,7 @@ def _returns(output: ModelOutput, exchanges: Sequence[Exchange]) -> list[ChatMes
 
 
 def _reply(output: ModelOutput) -> Reply:
-    """A turn of the model in the form of the agent loop.
+    """Convert a turn of the model to a reply of the agent loop.
 
     Raises:
         AgentError: The model refuses or cannot continue.
@@ -236,7 +236,7 @@ def _usage(output: ModelOutput) -> Usage | None:
 
 
 def _tool_info(tool: ToolDescription) -> ToolInfo:
-    """A tool in Inspect's form, whose schemas omit some limits, such as lengths of lists."""
+    """Convert a tool to Inspect's form, whose schemas omit some limits, such as lengths of lists."""
     return ToolInfo(
         name=tool.name,
         description=tool.description,
@@ -246,7 +246,7 @@ def _tool_info(tool: ToolDescription) -> ToolInfo:
 
 @scorer(metrics={"strict": [mean(), stderr()], "normalised": [mean(), stderr()], "graded": [mean(), stderr()]})
 def laboratory_grade() -> Scorer:
-    """The verdicts of `physment-eval grade`. Only this function reads the answer key."""
+    """Scorer with the verdicts of `physment-eval grade`. Only this function reads the answer key."""
 
     async def score(state: TaskState, target: Target) -> Score:
         del target

@@ -1,4 +1,4 @@
-"""An episode of the laboratory as an environment: `reset` opens it, `step` makes a call, the last has the reward."""
+"""An episode as an OpenEnv environment: `reset` opens it, `step` makes a call, the last step returns the reward."""
 
 import contextlib
 from typing import Any
@@ -15,12 +15,12 @@ _FIRST_SCENE = 7
 
 
 class PhysmentEnvironment(Environment[PhysmentAction, PhysmentObservation, PhysmentState]):
-    """One session: an episode at a time. An action is an iteration with one call."""
+    """One session, which plays one episode at a time. An action is an iteration with one call."""
 
     SUPPORTS_CONCURRENT_SESSIONS = True
 
     def __init__(self) -> None:
-        """Open nothing yet."""
+        """Create the environment without an episode."""
         super().__init__()
         self._referee = Referee.from_environment()
         self._state = PhysmentState(episode_id=None, step_count=0)
@@ -39,15 +39,15 @@ class PhysmentEnvironment(Environment[PhysmentAction, PhysmentObservation, Physm
         random_seed: int | None = None,
         **_options: Any,
     ) -> PhysmentObservation:
-        """Open an episode, and close the one before it.
+        """Open an episode, and close the previous one.
 
         Args:
             seed: Variant of the scene; without a split, None and 0 mean the scene as written.
-            episode_id: Its id; by default that of the referee.
+            episode_id: Id of the episode; by default that of the referee.
             scene: Id of the scene.
             budget: Number of actions.
             prompting: `zero-shot`, `one-shot-cot` or `few-shot-cot`.
-            split: Name of a split, such as `train`, to take the variant from.
+            split: Name of a split, such as `train`, from which the variant is taken.
             index: Index in the split.
             random_seed: Draws an index in the split.
 
@@ -74,7 +74,7 @@ class PhysmentEnvironment(Environment[PhysmentAction, PhysmentObservation, Physm
         )
 
     def step(self, action: PhysmentAction, timeout_s: float | None = None, **_options: Any) -> PhysmentObservation:
-        """Make a call. The answer ends the episode, and so does the last action of the budget.
+        """Make a call. An answer ends the episode, and so does the last action of the budget.
 
         Raises:
             RefereeError: No episode is open, it has ended, or the referee refused.
@@ -109,11 +109,11 @@ class PhysmentEnvironment(Environment[PhysmentAction, PhysmentObservation, Physm
 
     @property
     def state(self) -> PhysmentState:
-        """Where the episode is."""
+        """The state of the episode."""
         return self._state
 
     def get_metadata(self) -> EnvironmentMetadata:
-        """What the server says of itself."""
+        """Return the name, description and version of the environment."""
         return EnvironmentMetadata(
             name="PhysMent",
             description="A MuJoCo laboratory with 26 tools: find out by experiment what the scene asks, then answer.",
@@ -121,7 +121,7 @@ class PhysmentEnvironment(Environment[PhysmentAction, PhysmentObservation, Physm
         )
 
     def close(self) -> None:
-        """Close the connection and the episode, without a reward if there is none yet."""
+        """Close the connection and the episode. Without a reward so far, the episode gets none."""
         if self._laboratory is not None:
             self._laboratory.close()
         if self._opened is not None:

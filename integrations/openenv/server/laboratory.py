@@ -1,4 +1,4 @@
-"""Calls of an episode over MCP, for code without an event loop. One thread serves all episodes that are open."""
+"""Calls of an episode over MCP, for code without an event loop. One thread serves all open episodes."""
 
 import contextlib
 from collections.abc import AsyncIterator
@@ -56,6 +56,6 @@ class Laboratory:
         return text, None if result.isError else result.structuredContent, result.isError
 
     def close(self) -> None:
-        """End the connection; the episode stays as it is."""
+        """Close the connection; the episode stays open."""
         with contextlib.suppress(Exception):  # the host may be gone
             self._closing.close()

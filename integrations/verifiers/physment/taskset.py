@@ -73,17 +73,17 @@ class PhysmentTask(vf.Task[PhysmentData, LaboratoryState, PhysmentTaskConfig]):
 
     @vf.stop
     async def answered(self, trace: vf.Trace) -> bool:
-        """The laboratory accepted an answer."""
+        """Return whether the laboratory accepted an answer."""
         return trace.state.answered
 
     @vf.stop
     async def budget_exhausted(self, trace: vf.Trace) -> bool:
-        """The iterations are used up."""
+        """Return whether the iterations are used up."""
         return trace.num_turns >= self.config.budget
 
     @vf.reward(weight=1.0)
     async def laboratory(self, trace: vf.Trace) -> float:
-        """The referee's reward of the episode. Records verdicts and calls as metrics."""
+        """Return the referee's reward of the episode. Records verdicts and calls as metrics."""
         state = trace.state
         found = await asyncio.to_thread(
             self._referee().reward,
@@ -99,7 +99,7 @@ class PhysmentTask(vf.Task[PhysmentData, LaboratoryState, PhysmentTaskConfig]):
         return found.reward
 
     async def validate(self, runtime: vf.Runtime) -> bool:
-        """Whether the reference protocol of the scene solves this variant. No model plays, so the episode is closed."""
+        """Return whether the reference protocol solves this variant. No model plays, so the episode is closed."""
         del runtime
         if self._checked is not None:
             await asyncio.to_thread(self._referee().close, self._checked.episode_id, self._checked.owner_token)
@@ -111,7 +111,7 @@ class PhysmentTask(vf.Task[PhysmentData, LaboratoryState, PhysmentTaskConfig]):
 
 
 class PhysmentConfig(vf.TasksetConfig):
-    """Which episodes: `--env.taskset.*`."""
+    """The selection of episodes: `--env.taskset.*`."""
 
     scenes: str = ""
     """Ids and ranges such as `7,21-30`; 7 if nothing names a variant."""
@@ -139,7 +139,7 @@ class PhysmentTaskset(vf.Taskset[PhysmentTask, PhysmentConfig]):
         return [LaboratoryToolset(config.tools)]
 
     def load(self) -> Iterator[PhysmentTask]:
-        """The tasks. The laboratory writes their prompts when they are set up."""
+        """Return the tasks. The laboratory writes their prompts when they are set up."""
         config = self.config
         named = read_variants(
             config.scenes or ("" if config.split else "7"),
@@ -154,14 +154,14 @@ class PhysmentTaskset(vf.Taskset[PhysmentTask, PhysmentConfig]):
 
 
 class PhysmentEnvConfig(vf.EnvConfig):
-    """The one seat."""
+    """The environment's single agent."""
 
     agent: vf.AgentConfig = vf.AgentConfig(harness=NullHarnessConfig(id="null"), runtime=vf.SubprocessConfig())
     """A chat program with no tools of its own, in a process of this machine."""
 
 
 class PhysmentEnv(vf.Env[PhysmentEnvConfig]):
-    """An episode as `physment-eval` plays it: a reply without a call costs its iteration and does not end it."""
+    """Plays an episode as `physment-eval` does: a reply without a call uses an iteration and does not end it."""
 
     async def run(self, task: vf.Task, agents: vf.Agents) -> None:
         """Play one episode."""

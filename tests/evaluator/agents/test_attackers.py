@@ -1,4 +1,4 @@
-"""The generic attackers: what they read in a prompt, that they keep its limits, and what they can and cannot find."""
+"""Tests of the generic attackers: parsing of prompts, limits, and the answers that they can and cannot find."""
 
 from pathlib import Path
 
@@ -31,7 +31,7 @@ def opening_of(files: PackFiles) -> Opening:
 
 
 async def attack(files: PackFiles, name: str, seed: int = 0) -> tuple[Drive, AnswerValue]:
-    """What an attacker does in a scene, and the key."""
+    """Return an attacker's calls in a scene, and the key."""
     subject = Subject.open(files)
     draw = subject.draw(seed)
     return await drive(subject.session(draw), ATTACKERS[name]), subject.truth(draw)

@@ -1,4 +1,4 @@
-"""The reference agent solves a scene of each category; guessers are right as often as chance predicts."""
+"""Tests that the reference agent solves a scene of each category, and that guessers are right at chance level."""
 
 import json
 import math
@@ -32,7 +32,7 @@ async def play(agent: ReferenceAgent | RandomAgent | BlindAgent | OracleOnceAgen
 
 @pytest.mark.parametrize("scene", [7, 16, 21, 26, 41, 46, 51, 66, 71, 76, 91, 96, 101])
 async def test_the_reference_protocol_gives_the_right_answer_through_mcp(scene: int) -> None:
-    """On a seed that the sweep of all scenes does not play."""
+    """The seed is one that the sweep of all scenes does not play."""
     seed = 2
     episode = await play(ReferenceAgent(), scene, seed)
     assert episode.outcome is Outcome.ANSWERED
@@ -41,7 +41,7 @@ async def test_the_reference_protocol_gives_the_right_answer_through_mcp(scene: 
 
 
 def chance(key: AnswerKey) -> float:
-    """The probability that a guess is right, which follows from the key and from how guesses are drawn."""
+    """Return the probability that a guess is right, from the key and the distribution of guesses."""
     if key.spec.options:
         return 1 / len(key.spec.options)
     values = key.value if isinstance(key.value, tuple) else (key.value,)
@@ -56,7 +56,7 @@ def chance(key: AnswerKey) -> float:
 
 
 def central_interval(chances: list[float], level: float) -> tuple[int, int]:
-    """Smallest central range of the number of successes that has at least this probability (Poisson-binomial)."""
+    """Return the smallest central range of successes with at least this probability (Poisson-binomial)."""
     distribution = [1.0]
     for p in chances:
         distribution = [
@@ -99,7 +99,7 @@ async def test_a_guesser_repeats_an_episode_exactly_and_plays_another_episode_di
 
 
 def _untimed(episode: Episode) -> list[object]:
-    """What was called and returned, without how long it took."""
+    """Return calls and results without times."""
     return [(exchange.call, exchange.text) for turn in episode.turns for exchange in turn.exchanges]
 
 

@@ -1,4 +1,4 @@
-"""Agents written in Python by users: what loads, what is refused, and what their exceptions do."""
+"""Tests of agents that users write in Python: loading, refusals, and handling of their exceptions."""
 
 import contextlib
 import json
@@ -60,7 +60,7 @@ class Broken:
 
 @pytest.fixture
 def folder(tmp_path: Path) -> Generator[Path]:
-    """A working folder with a module of agents, which is forgotten afterwards."""
+    """Create a working folder with a module of agents, and unload the module afterwards."""
     (tmp_path / "my_agents.py").write_text(GOOD, encoding="utf-8")
     (tmp_path / "needy.py").write_text("import a_library_nobody_has\n", encoding="utf-8")
     (tmp_path / "torn.py").write_text("class Half(\n", encoding="utf-8")

@@ -1,4 +1,4 @@
-"""The baselines that know the pack but not the variant."""
+"""Tests of the baselines that know the pack but not the variant."""
 
 import pytest
 

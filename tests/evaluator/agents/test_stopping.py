@@ -1,4 +1,4 @@
-"""When stopping policies give advice, what they advise, and that they change nothing else."""
+"""Tests of stopping policies: when they give advice, what they advise, and that they change nothing else."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -20,7 +20,7 @@ ASKED = "In the reasoning of your next reply, state how confident"
 
 @dataclass
 class Replies:
-    """Gives the replies it was made with, and keeps the feedback it gets."""
+    """An agent that returns given replies and stores the feedback."""
 
     replies: Sequence[Reply]
     seen: list[Feedback | None] = field(default_factory=list[Feedback | None])

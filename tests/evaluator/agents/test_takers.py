@@ -1,4 +1,4 @@
-"""Synthetic takers: what each handicap changes, and that a larger one includes the smaller ones."""
+"""Tests of synthetic takers: the effect of each handicap, and that a stronger handicap includes the weaker ones."""
 
 import itertools
 from typing import Any
@@ -24,14 +24,14 @@ TRUTH = {"velocity": [2.0, 0.0, -4.0], "angular_velocity": [1.0, 1.0, 1.0], "sim
 
 
 def pushing(task: str) -> Protocol:
-    """Push and read, many times, and answer with the speeds that were read."""
+    """A protocol that pushes and reads many times, and answers with the speeds that were read."""
     calls = [call("apply_force", object_id="object_1", force_vector=[8, 0, -2.0]), call("get_velocity", object_id="a")]
     readings = yield calls * PUSHES
     yield [answer([reading["velocity"][0] for reading in readings[1::2] if reading])]
 
 
 class Played:
-    """What a taker called, and what it answered, if every reading is `TRUTH`."""
+    """The calls and the answer of a taker if every reading is `TRUTH`."""
 
     def __init__(self, player: _TakerPlayer) -> None:
         self.player = player
@@ -90,7 +90,7 @@ async def test_slips_halve_the_numbers_of_acts_and_more_slips_include_fewer() ->
 
 
 def fits(_exchanges: object) -> dict[str, Member]:
-    """Four structures, of which d fits best and c second."""
+    """Return fits of four structures, of which d fits best and c second best."""
     return {name: Member(cost, 9, 1, name, lambda _: []) for name, cost in zip("abcd", (90, 80, 70, 10), strict=True)}
 
 
@@ -113,7 +113,7 @@ async def test_a_protocol_that_needs_more_readings_is_answered_by_the_best_fit_i
 
 async def _failing(handicap: str, rivals: Any) -> Any:
     def needy(task: str) -> Protocol:
-        """Read what no reading has."""
+        """A protocol that uses a field that no reading has."""
         readings = yield [call("get_velocity", object_id="a")] * 5
         yield [answer(readings[4]["never"])]
 

@@ -1,4 +1,4 @@
-"""What a blind guess is worth: by the formula, by hand, and by the agent that guesses."""
+"""Tests of the expected scores of a blind guess: by formula, by hand, and by playing the agent that guesses."""
 
 import asyncio
 

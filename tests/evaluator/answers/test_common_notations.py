@@ -1,4 +1,4 @@
-"""Notations that normalised grading forgives, what looks like them and means something else, and torque and energy."""
+"""Tests of notations that normalised grading accepts, of lookalikes that it rejects, and of torque against energy."""
 
 import json
 import math
@@ -286,7 +286,7 @@ VALUES = HALVES | st.floats(min_value=0.5, max_value=500).map(lambda number: rou
 
 
 def notations(value: float, unit: str) -> list[JsonValue]:
-    """The new notations of a number."""
+    """Return other notations of a number."""
     text = f"{value:.9g}"
     forms: list[JsonValue] = [f"\\SI{{{text}}}{{{unit}}}", f"({text},)", text.translate(FULL_WIDTH) + f" {unit}"]
     forms += [f"{value / scale:.12g} {name}" for name, scale in UNITS[unit].items()]

@@ -1,4 +1,4 @@
-"""The privileged engine: full precision, no limits, and changes of the apparatus from the start."""
+"""Tests of the privileged engine: full precision, no limits, and modified apparatus."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Answers that are formulas: what can be read, what it is worth, and texts that must do no harm."""
+"""Tests of formula answers: parsing, grading, and protection against malicious texts."""
 
 import contextlib
 import json
@@ -184,6 +184,6 @@ def test_without_sympy_the_verdict_is_the_same(monkeypatch: pytest.MonkeyPatch) 
 
 
 def test_the_process_of_the_algebra_reads_trees_alone() -> None:
-    """Nothing of an agent's text is run: the process gets the tree that our parser made."""
+    """The child process gets a syntax tree, so it cannot run an agent's text."""
     tree = json.loads(json.dumps(parse_formula("2 x", {"x"})))
     assert tree == ["*", [["number", [], "2"], ["name", [], "x"]], ""]

@@ -1,4 +1,4 @@
-"""The grader: an example for every rule, the difficult answers of the published suite, and property tests."""
+"""Tests of the grader: an example for every rule, the difficult answers of the published suite, property tests."""
 
 import json
 import math

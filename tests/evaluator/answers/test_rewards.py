@@ -1,4 +1,4 @@
-"""What an answer is worth to a trainer: strict, graded, by parts, corrected for guessing, less its cost."""
+"""Tests of rewards: strict, graded, by parts, corrected for guessing, and reduced by costs."""
 
 import math
 import random
@@ -49,7 +49,7 @@ def test_guesses_among_options_earn_nothing_on_average() -> None:
 
 
 def test_guessed_numbers_earn_nothing_on_average() -> None:
-    """20,000 guesses, log-uniform as those of the agent `blind`; the mean may differ by four standard errors."""
+    """Guesses 20,000 times, log-uniformly as the agent `blind` does; the mean may differ by four standard errors."""
     chooser, (low, high) = random.Random(5), GUESS_RANGE
     guesses = [math.exp(chooser.uniform(math.log(low), math.log(high))) for _ in range(20_000)]
     rewards = [answer_reward(guess, NUMBER).chance_corrected for guess in guesses]

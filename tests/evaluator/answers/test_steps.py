@@ -1,4 +1,4 @@
-"""Intermediate quantities that an agent states beside its answer."""
+"""Tests of intermediate quantities that an agent states with its answer."""
 
 import json
 import shutil

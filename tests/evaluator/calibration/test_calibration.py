@@ -1,4 +1,4 @@
-"""Scenes and takers on one scale: intervals that cover, figures by hand, and bad input in one sentence."""
+"""Tests of the calibration: coverage of intervals, values computed by hand, and one-sentence errors for bad input."""
 
 import json
 import math
@@ -107,7 +107,7 @@ def test_variance_components_by_hand() -> None:
 
 @pytest.fixture(scope="module")
 def found() -> Calibration:
-    """Six takers and twelve scenes, of which the last is right for the weak and wrong for the able."""
+    """Calibrate six takers and twelve scenes; in the last scene, weak takers are right and able takers are wrong."""
     one = drawn(Design(6, scenes=12, seeds=5, ability_sd=2.0), np.random.default_rng(4))
     able = one.ability > np.median(one.ability)
     counts: dict[tuple[str, int, int], tuple[int, int]] = {

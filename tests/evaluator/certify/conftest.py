@@ -1,4 +1,4 @@
-"""Laboratories in memory, for tests that play many episodes."""
+"""In-memory laboratories, for tests that play many episodes."""
 
 import pytest
 

@@ -1,4 +1,4 @@
-"""Lint's rules on the key, the form of the answer and the units of the task, and what a run says of a bad key."""
+"""Tests of lint's rules on key, answer form and units, and of the errors of a run with a malformed key."""
 
 from pathlib import Path
 from typing import Any
@@ -30,12 +30,12 @@ def author(tmp_path: Path) -> Author:
 
 @pytest.fixture
 def files(author: Author) -> PackFiles:
-    """The template, in which the mass of a cart is asked for, in kg."""
+    """The template, which asks for the mass of a cart in kg."""
     return author.write(Category.EASY_SINGLE)
 
 
 def asking(author: Author, files: PackFiles, task: str, answer: Any, **spec: Any) -> list[str]:
-    """The faults of the template with another question, key and form."""
+    """Return lint's faults of the template with another question, key and answer form."""
     author.edit(files, lambda pack: pack["metadata"].update(task=task))
     author.edit(files, lambda pack: pack.update(answer=answer, answer_spec=spec))
     return lint(files)
@@ -198,7 +198,7 @@ def test_a_run_of_a_pack_with_a_bad_key_is_refused_with_one_sentence(
 def test_grading_again_with_a_bad_key_is_refused_with_one_sentence(
     author: Author, files: PackFiles, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """The key of another seed than 0 comes from `theory`, which lint does not see."""
+    """At seeds other than 0 the key comes from `theory`, which lint does not run."""
     words = ["run", "--agent", "reference", "--scenes-dir", str(author.folder), "--scenes", str(files.scene_id)]
     folder = tmp_path / "run"
     assert main([*words, "--seeds", "3", "--out", str(folder)]) == 0

@@ -1,4 +1,4 @@
-"""Scenes that ask for a formula, or name intermediate quantities: what lint and certificates demand."""
+"""Tests of lint and certificates for scenes that ask for a formula or name intermediate quantities."""
 
 from pathlib import Path
 
@@ -33,13 +33,13 @@ def author(tmp_path: Path) -> Author:
 
 @pytest.fixture
 def files(author: Author) -> PackFiles:
-    """The template, in which the mass of a cart is asked for."""
+    """The template, which asks for the mass of a cart."""
     return author.write(Category.EASY_SINGLE)
 
 
 @pytest.fixture
 def formula(author: Author, files: PackFiles) -> PackFiles:
-    """The template, with the acceleration as a function of the force for its answer."""
+    """The template, with the acceleration as a function of the force as its answer."""
     author.edit(files, lambda pack: pack.update(answer="F / 2", answer_spec=FORMULA))
     author.replace(files.json, "What is its mass, in kg?", "What is its acceleration under a force, in m/s\\u00b2?")
     author.replace(

@@ -1,4 +1,4 @@
-"""Each certificate detects a fault planted in a sound scene; the stored certificates match the suite's packs."""
+"""Tests that each certificate detects a planted fault, and that the stored certificates match the suite's packs."""
 
 import math
 from collections.abc import Callable
@@ -314,9 +314,9 @@ def test_lint_reports_gaps_in_object_numbers(author: Author) -> None:
 async def test_key_twins_and_sanity_hold_for_every_scene_on_its_first_seeds(
     scene: int, memory: EpisodeConnector
 ) -> None:
-    """The reference plays seed 0 through MCP and seed 1 on a session; the engine is asked for the key of seed 0.
+    """The reference plays seed 0 through MCP and seed 1 on a session; the engine computes the key of seed 0.
 
-    `physment-eval verify --all`, which runs each night, asks it on 20 seeds, and at half the time step.
+    `physment-eval verify --all`, which runs each night, does so on 20 seeds, and at half the time step.
     """
     files = find_pack(scene)
     subject = Subject.open(files)

@@ -1,4 +1,4 @@
-"""Certificate 12: each way in which readings and the stated family of laws may leave the answer open is detected."""
+"""Tests that certificate 12 detects each way in which readings and the family of laws can leave the answer open."""
 
 from pathlib import Path
 
@@ -41,7 +41,7 @@ def episodes(tmp_path_factory: pytest.TempPathFactory) -> list[Episode]:
 
 
 def also(files: PackFiles, code: str) -> None:
-    """Add code to the end of a solution."""
+    """Append code to a solution."""
     with files.solution.open("a", encoding="utf-8") as solution:
         solution.write(code)
 

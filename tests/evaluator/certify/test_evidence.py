@@ -1,4 +1,4 @@
-"""The evidence meter against closed forms: a puck of unknown mass that a known force drives along a rail."""
+"""Tests of measured evidence against closed forms: a known force drives a puck of unknown mass along a rail."""
 
 import json
 from collections.abc import Callable
@@ -69,7 +69,7 @@ def played(tmp_path: Path) -> Callable[..., tuple[Subject, Episode]]:
 
 
 def bound(mass: float, times: list[float]) -> float:
-    """Smallest standard error of the mass over its tolerance, by velocities v = 2 N · t / m that are read at times."""
+    """Return the mass's smallest standard error over its tolerance, from velocities v = 2 N · t / m read at times."""
     sigma = np.hypot(NOISE, RESOLUTION / np.sqrt(12))
     slopes = np.array([2 * time / mass**2 for time in times]) * (HIGH - LOW) / sigma
     return float((HIGH - LOW) / np.sqrt(12 + slopes @ slopes) / (0.05 * mass))
@@ -179,7 +179,7 @@ def test_a_pack_without_hidden_values_is_not_measured(played: Callable[..., tupl
 
 
 def test_what_is_revealed_is_read_with_the_errors_of_the_instruments(tmp_path: Path) -> None:
-    """`find_objects` tells a place as finely as `get_position` does, and reading it again adds nothing."""
+    """`find_objects` returns a position as precisely as `get_position`; a second reading adds nothing."""
     calls = 'call("find_objects"), call("get_position", object_id="object_2")'
     written(tmp_path, calls, {"m": {"canonical": 2.0, "uniform": [LOW, HIGH]}}, "knobs['m']", 2.0, "number")
     place = tmp_path / "Scene900"

@@ -1,4 +1,4 @@
-"""Certificate 11: catches that hold pass, and one that lets go under any kind of load is found."""
+"""Tests of certificate 11: it passes catches that hold, and detects one that fails under any kind of load."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -58,12 +58,12 @@ STOPS = {"words": ["stops"], "holds": {"object_2_x": [-1.2, 1.2]}}
 
 
 def held_by(force: str, **others: str) -> list[dict[str, Any]]:
-    """The laws of a latch that holds object_1 with a force."""
+    """Return the laws of a latch that holds object_1 with a force."""
     return [REMEMBERS, {"on": "object_1", "with": {"gate": "gate", **others}, "force": [force, "0", "0"]}, STOP]
 
 
 def drawn(pack: dict[str, Any]) -> None:
-    """The two carts, each of the mass m; a latch at 1 m, which remembers that it has acted; and stops."""
+    """The model of two carts of mass m, a latch at 1 m that stays engaged once it has acted, and stops."""
     pack["metadata"]["task"] = (
         "Two carts run on rails. As soon as object_1 is more than 1 m from x = 0, a latch draws it to 1.1 m and holds"
         " it for good. Soft stops keep object_2 within 1.2 m of x = 0. Which force?"

@@ -1,4 +1,4 @@
-"""Runs the how-to page: its commands succeed, and its files make a sound scene."""
+"""Tests of the how-to page: its commands succeed, and its files make a sound scene."""
 
 import re
 import shlex

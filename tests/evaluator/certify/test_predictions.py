@@ -1,4 +1,4 @@
-"""Certificates 7 to 10, and the rules of lint for scenes with predictions: each detects a fault planted in a scene."""
+"""Tests that certificates 7 to 10 and lint's rules for prediction scenes each detect a planted fault."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -261,7 +261,7 @@ def test_lint_compiles_every_structure_of_a_model_with_parts_that_may_be_absent(
 def test_lint_reports_a_part_that_a_drawn_zero_switches_off(
     quantity: str, kind: str, author: Author, files: PackFiles
 ) -> None:
-    """In a pack without laws and without conditions on parts, too."""
+    """The pack has no laws and no conditions on parts."""
     author.edit(files, lambda pack: pack["derive"].update({quantity: pack["derive"][quantity].replace("1e-9", "0.0")}))
     assert any(f"the number of {kind} is" in fault for fault in lint(files)), lint(files)
 

@@ -1,4 +1,4 @@
-"""Second protocols, written from the opening prompt without the reference protocol, find the same key."""
+"""Tests that protocols written from the opening prompt alone find the same answers as the reference protocols."""
 
 from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
@@ -20,7 +20,7 @@ KEYS = KeyRing()
 
 
 def second_solver(scene: int) -> ModuleType:
-    """The module of a second solver; it defines `solve(task)`, as a pack's `solution.py` does."""
+    """Load the module of a second protocol; it defines `solve(task)`, as a pack's `solution.py` does."""
     spec = spec_from_file_location(f"second_solver_{scene}", SOLVERS[scene])
     assert spec is not None
     assert spec.loader is not None

@@ -1,4 +1,4 @@
-"""Which stored certificates count: those of sound and unchanged packs, by the same engine, on as many seeds."""
+"""Tests of which stored certificates are valid: of sound, unchanged packs, by the same engine, on as many seeds."""
 
 import json
 from importlib.metadata import version

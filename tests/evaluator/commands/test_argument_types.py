@@ -1,4 +1,4 @@
-"""The error for a malformed argument names the quantity and its unit."""
+"""Tests that the error for a malformed argument names the quantity and its unit."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""The command as an operator sees it: exit codes, messages, files, interruption."""
+"""Tests of the commands as an operator uses them: exit codes, messages, files, interruption."""
 
 import contextlib
 import json
@@ -59,7 +59,7 @@ anyio.run(run)
 
 
 def refused(capsys: pytest.CaptureFixture[str], *words: str | Path) -> str:
-    """Run a command that must be refused, and return its one sentence."""
+    """Run a command that must be refused, and return its one-sentence error message."""
     assert main([str(word) for word in words]) == 2
     said = capsys.readouterr()
     assert said.out == ""
@@ -245,7 +245,7 @@ def _keys(folder: Path) -> list[tuple[int, int]]:
 
 
 def _heed_signals() -> None:
-    """Undo what nohup and scripts do to what they start in their background: it ignores these signals."""
+    """Restore the default signal handling, because nohup and background jobs of scripts ignore signals."""
     signal.signal(signal.SIGHUP, signal.SIG_DFL)
     signal.signal(signal.SIGINT, signal.SIG_DFL)
 
@@ -257,11 +257,11 @@ def _start_and_stop(
 
     Args:
         tmp_path: Working folder.
-        server: As `--server`.
-        how: Signal that stops it.
+        server: Value of `--server`.
+        how: Signal that stops the run.
         after: Number of episodes.
         more: Further options.
-        background: Whether Ctrl-C is ignored, as a script does it for what it starts in its background.
+        background: Whether Ctrl-C is ignored, as in a background job of a script.
     """
     command = [*COMMAND, "--server", server, "--agent", "random", "--scenes", "7,21", "--seeds", "0-19", "--out", "run"]
     command += more
@@ -284,7 +284,7 @@ def _start_and_stop(
 
 
 def _processes_of_session(folder: Path) -> list[str]:
-    """Commands of all processes whose working folder is this one: what a run that was started there left behind."""
+    """Return the commands of all processes in this working folder, which a run started and left behind."""
     found: list[str] = []
     for process in Path("/proc").glob("[0-9]*"):
         with contextlib.suppress(OSError):
@@ -394,7 +394,7 @@ def test_a_run_folder_that_is_damaged_is_refused_with_file_and_line(
 
 
 def test_text_of_an_agent_cannot_damage_a_run_or_its_report(tmp_path: Path, host_url: str) -> None:
-    """Unusual line ends, half surrogate pairs and markup, in the store, the grades, the table and the report."""
+    """Agents write unusual line ends, lone surrogates and markup; store, grades, table and report are checked."""
     evil = "[/x][red]7\u2028\x85\x1b[31m</script><script>alert(1)</script>\u202e"
     turns = [
         [{"tool": "step", "arguments": {"duration": 0.1, "\ud800": 1}}],

@@ -1,4 +1,4 @@
-"""Known faults of packs take verdicts away or are stated; a run on other packs keeps its grades."""
+"""Tests of known faults: they withdraw verdicts or are reported; a run on other packs keeps its grades."""
 
 import json
 import shutil
@@ -17,7 +17,7 @@ FAULT = "The key is that of another body."
 
 @pytest.fixture(scope="module")
 def played(tmp_path_factory: pytest.TempPathFactory, host_url: str) -> Path:
-    """A graded run that is right in scenes 7 and 8."""
+    """A graded run with right answers in scenes 7 and 8."""
     folder = tmp_path_factory.mktemp("played") / "run"
     assert main(["run", "--agent", "reference", "--scenes", "7,8", "--server", host_url, "--out", str(folder)]) == 0
     return folder
@@ -37,7 +37,7 @@ def packs(tmp_path: Path) -> Path:
 
 
 def publish(packs: Path, effect: str, scene: int = 7) -> None:
-    """Publish a fault of the pack of a scene as it is in the suite."""
+    """Add a known fault of the pack of a scene, as it is in the suite."""
     entry = {
         "scene": scene,
         "pack": pack_hash(find_pack(scene)),

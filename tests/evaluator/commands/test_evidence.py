@@ -1,4 +1,4 @@
-"""`physment-eval evidence` measures a stored run, goes on where it was, and says what is wrong."""
+"""Tests of `physment-eval evidence`: it measures a stored run, resumes, and reports errors."""
 
 import json
 from pathlib import Path
@@ -14,7 +14,7 @@ AGENTS = ("--agent", "reference", "--agent", "blind")
 
 @pytest.fixture(scope="module")
 def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A run of two agents in two scenes."""
+    """A run with two agents in two scenes."""
     folder = tmp_path_factory.mktemp("run") / "played"
     done = physment_eval("run", "--server", "host", *AGENTS, "--scenes", "7,13", "--out", folder)
     assert done.returncode == 0

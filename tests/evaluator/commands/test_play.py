@@ -1,4 +1,4 @@
-"""A person at a terminal: the command, with input from a pipe or, in its own process, from a pseudo-terminal."""
+"""Tests of a person at a terminal: the command with input from a pipe or from a pseudo-terminal."""
 
 import os
 import pty
@@ -164,7 +164,7 @@ class Screen:
     shown: int = field(default=0)
 
     def wait_for(self, text: str) -> None:
-        """Read until a text has been shown since the last wait."""
+        """Read until a text has been printed since the last wait."""
         deadline = time.monotonic() + 120
         while text not in self.seen[self.shown :]:
             assert time.monotonic() < deadline, self.seen
@@ -176,7 +176,7 @@ class Screen:
         self.shown = self.seen.index(text, self.shown) + len(text)
 
     def wait_for_prompt(self, left: int) -> None:
-        """Wait until the command asks, and sleeps: a key that comes while it still draws the prompt may be lost."""
+        """Wait until the command prompts and sleeps, because a key may be lost while the prompt is drawn."""
         self.wait_for(f"{left} iterations left > ")
         stat = Path(f"/proc/{self.process.pid}/stat")
         deadline = time.monotonic() + 120

@@ -1,4 +1,4 @@
-"""A person in a browser: the command with its page over HTTP, and the page itself in headless Chromium."""
+"""Tests of a person in a browser: the command with its page over HTTP, and the page in headless Chromium."""
 
 import re
 import signal
@@ -35,7 +35,7 @@ class Played:
         return httpx.Client(base_url=self.address, headers={"x-physment-page": name}, timeout=300, trust_env=False)
 
     def state(self, **holds: Any) -> dict[str, Any]:
-        """The first state in which something holds, asked for as the page does."""
+        """Poll the state as the page does, and return the first one that meets a condition."""
         version = -1
         while True:
             state = self.http.get("state", params={"after": version}).json()

@@ -1,4 +1,4 @@
-"""Commands of plugins are found by their entry points; one sentence names a plugin that is missing or broken."""
+"""Tests that plugin commands are found by entry points, and that one sentence names a missing or broken plugin."""
 
 from pathlib import Path
 

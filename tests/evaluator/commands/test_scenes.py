@@ -1,4 +1,4 @@
-"""`verify`, `lint` and `scenes` as an author uses them."""
+"""Tests of `verify`, `lint` and `scenes` as an author uses them."""
 
 import json
 import shutil

@@ -1,4 +1,4 @@
-"""Every command that needs scores reads each file once and scores each episode once."""
+"""Tests that commands read each file once and score each episode once."""
 
 import io
 import shutil
@@ -35,7 +35,7 @@ def run(stored: Path, tmp_path: Path) -> Path:
 
 
 def work_of(*words: str | Path) -> Counter[str]:
-    """What a command does to score episodes: function → how often it was called."""
+    """Count the calls of scoring functions by a command: function → calls."""
     with calls_counted(grounding_of, failures_of, grade_record, RunFolder.episodes, RunFolder.grades) as calls:
         assert main([str(word) for word in words]) == 0
     return calls

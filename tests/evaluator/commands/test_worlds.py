@@ -1,4 +1,4 @@
-"""`physment-eval worlds` makes worlds, goes on where it was, shows and proves them, and says what is wrong."""
+"""Tests of `physment-eval worlds`: it makes, resumes, shows and verifies worlds, and reports errors."""
 
 from collections import Counter
 from collections.abc import Callable

@@ -1,4 +1,4 @@
-"""Runs of worlds are resumed, split into shards, replayed, filmed, forked and reported, with the same worlds alone."""
+"""Tests that runs of worlds are resumed, sharded, replayed, filmed, forked and reported with the same worlds only."""
 
 import json
 from collections.abc import Callable

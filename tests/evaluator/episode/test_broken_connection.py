@@ -1,4 +1,4 @@
-"""What an operator is told of a connection that failed."""
+"""Tests of the error messages for failed connections."""
 
 import socket
 import ssl

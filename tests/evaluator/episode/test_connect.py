@@ -1,4 +1,4 @@
-"""What `--server` accepts, and that every failure of a server is an infrastructure error in one sentence."""
+"""Tests of the values of `--server`, and that server failures are infrastructure errors with one sentence."""
 
 import shlex
 import sys
@@ -68,7 +68,7 @@ async def play(server: str, agent: Agent, scene: int = 7, seed: int = 0, scenes_
 
 @pytest.fixture
 def dying(tmp_path: Path) -> str:
-    """The command of a server that dies after some calls. Append their number, and more words."""
+    """Return the command of a server that dies after some calls; the test appends their number and further words."""
     file = tmp_path / "a folder" / "dying.py"
     file.parent.mkdir()
     file.write_text(DYING, encoding="utf-8")

@@ -1,4 +1,4 @@
-"""Episodes on stdio whose processes are forked from one."""
+"""Tests of episodes on stdio whose processes are forked from one process."""
 
 import os
 import signal
@@ -31,7 +31,7 @@ def children_of(parent: int) -> list[int]:
 
 
 def forking() -> list[int]:
-    """The processes of ours that fork."""
+    """Return the processes of this test run that fork."""
     found = children_of(os.getpid())
     return [process for process in found if b"fork-server" in Path(f"/proc/{process}/cmdline").read_bytes()]
 

@@ -1,4 +1,4 @@
-"""Pictures of what may be seen (`--observations rgb`): what agents are shown of them, and what a run folder keeps."""
+"""Tests of images in results (`--observations rgb`): what agents receive, and what a run folder stores."""
 
 import json
 from pathlib import Path

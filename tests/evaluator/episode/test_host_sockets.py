@@ -1,4 +1,4 @@
-"""Episodes that the evaluator opens on its own host, over sockets."""
+"""Tests of episodes that the evaluator opens over sockets on a host that it started."""
 
 import errno
 import os

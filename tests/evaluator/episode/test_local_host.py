@@ -1,4 +1,4 @@
-"""The host that the evaluator starts: it has room for many episodes, and it ends with the evaluator in every case."""
+"""Tests of the host that the evaluator starts: its capacity, and that it always ends with the evaluator."""
 
 import json
 import resource

@@ -1,4 +1,4 @@
-"""The loop against the real laboratory in memory, with agents whose turns are given."""
+"""Tests of the loop with the real laboratory in memory, and agents with given turns."""
 
 import math
 from collections.abc import Sequence
@@ -22,7 +22,7 @@ from tests.builders.records import ANSWER, LOOK, STEP, VERSIONS, answer, call, e
 
 @dataclass
 class Replies:
-    """Gives the replies it was made with, and keeps the feedback it gets."""
+    """An agent that returns given replies and stores the feedback."""
 
     replies: Sequence[Reply | Exception]
     seen: list[Feedback | None] = field(default_factory=list[Feedback | None])
@@ -134,7 +134,9 @@ async def test_of_two_lists_in_a_reply_none_is_run_and_the_agent_reads_why() -> 
 
 @pytest.mark.parametrize("protocol", ["native", "text"])
 async def test_the_prompt_states_which_calls_of_a_reply_are_run(protocol: str) -> None:
-    """What `test_a_call_that_does_not_fit_its_schema_stops_the_batch…` and the test after it show of the loop."""
+    """The loop's behaviour itself is tested by `test_a_call_that_does_not_fit_its_schema_stops_the_batch…` and the next
+    test.
+    """
     async with Client(open_episode(7).server()) as client:
         key = episode_key(protocol=protocol)
         prompt = await opening_prompt(client, key, 5)

@@ -1,6 +1,6 @@
 # The optional library is not in the environment in which types are checked.
 # pyright: reportMissingImports=false
-"""Spans of an evaluation: their tree and attributes, and that they tell nothing that records do not."""
+"""Tests of spans: their tree and attributes, and that they contain no information that records lack."""
 
 import json
 import os
@@ -25,7 +25,7 @@ needs_otel = pytest.mark.skipif(not EXPORTER, reason="the extra `otel` is not in
 
 @contextmanager
 def collecting() -> Generator[tuple[str, list[Any]]]:
-    """A collector in this process: its address, and the requests that it has been sent, decoded."""
+    """Start a collector in this process; yields its address, and the decoded requests that it received."""
     from opentelemetry.proto.collector.trace.v1.trace_service_pb2 import ExportTraceServiceRequest
 
     received: list[Any] = []
@@ -71,7 +71,7 @@ def attributes(span: Any) -> dict[str, Any]:
 
 
 def exported(tmp_path: Path, words: list[str], **variables: str) -> tuple[subprocess.CompletedProcess[str], list[Any]]:
-    """Run in a process of its own: a provider of spans can be set only once in a process."""
+    """Run a program in its own process, because a tracer provider can be set only once per process."""
     with collecting() as (url, received):
         environment = {**os.environ, "OTEL_EXPORTER_OTLP_ENDPOINT": url, **variables}
         command = [sys.executable, "-m", "evaluator", "run", "--otel", *words, "--out", str(tmp_path / "run")]
@@ -115,7 +115,7 @@ def test_an_episode_is_a_tree_of_spans_with_the_conventional_names(tmp_path: Pat
 
 @needs_otel
 def test_a_request_to_a_model_has_a_span_without_its_content_and_without_keys(tmp_path: Path, host_url: str) -> None:
-    """The provider quotes the key in its refusal: neither records nor spans may hold it."""
+    """The provider quotes the key in its error message, which neither records nor spans may contain."""
     key = "sk-canary-0123456789"
 
     class Refusing(BaseHTTPRequestHandler):

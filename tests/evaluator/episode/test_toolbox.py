@@ -1,4 +1,4 @@
-"""How often a server is asked for its tools, and that its results must fit the published schemas."""
+"""Tests of how often a server's tools are listed, and of the validation of its results."""
 
 from collections.abc import AsyncGenerator
 from contextlib import asynccontextmanager
@@ -22,7 +22,7 @@ WEIGH = call("weigh")
 
 @dataclass
 class Asked:
-    """A server with one tool. It counts how often its tools are listed, and returns a chosen result."""
+    """A server with one tool. It counts the requests for its tools, and returns a chosen result."""
 
     hint: CacheHint | None = HOUR
     result: dict[str, Any] | None = field(default_factory=lambda: {"mass": 2.0})
@@ -53,7 +53,7 @@ class Asked:
 
 
 async def toolboxes_of(asked: Asked, toolboxes: Toolboxes, episodes: int, mode: str = "auto") -> list[Toolbox]:
-    """The toolboxes that episodes get which begin at the same time."""
+    """Return the toolboxes of episodes that start concurrently."""
     found: list[Toolbox] = []
 
     async def ask() -> None:

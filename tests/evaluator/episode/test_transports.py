@@ -1,4 +1,4 @@
-"""The same script gives the same transcript over every transport."""
+"""Tests that a script gives the same transcript over every transport."""
 
 from typing import Any
 
@@ -37,7 +37,7 @@ CASES = ((TOUR, 7), (TOUR, 71), (ReferenceAgent(), 96))
 
 
 def canonical(episode: Episode) -> bytes:
-    """An episode without its clock times, in JSON."""
+    """Serialise an episode without its wall-clock times."""
     timed = {"started_at", "duration_s"}
     plain = episode.model_dump(exclude=timed)
     for turn in plain["turns"]:

@@ -1,4 +1,4 @@
-"""Replies that no record can hold count as malformed: they cost an iteration and do not harm the run."""
+"""Tests that replies that no record can hold count as malformed: they use an iteration and do not harm the run."""
 
 from pathlib import Path
 from typing import Any
@@ -16,7 +16,7 @@ from tests.builders.records import ANSWER, STEP, VERSIONS, answer, call, episode
 
 
 class Saying:
-    """Gives one reply, and then answers 1."""
+    """An agent that gives one reply, and then answers 1."""
 
     name = "saying"
 
@@ -41,7 +41,7 @@ def nested(levels: int) -> Any:
 
 
 async def stored(reply: Reply | Exception, path: Path) -> Episode:
-    """Play, store, and read the record again."""
+    """Play, store, and read the record back."""
     folder = RunFolder(path / "run")
     folder.create(resume=False)
     key = episode_key(budget=3)

@@ -1,4 +1,4 @@
-"""A film shows what the agent could see, where it was, at the call after which it was there; or it is not made."""
+"""Tests of films: they show the visible bodies at the poses after each call, or are not made."""
 
 import itertools
 from pathlib import Path
@@ -120,7 +120,7 @@ def test_a_film_of_an_edited_record_is_refused_with_its_place_and_the_others_are
 def test_an_episode_that_the_laboratory_cannot_begin_is_refused_and_the_others_are_filmed(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """As a record of a version that had a way of prompting which this one lacks."""
+    """The record has a value of `prompting` that this version does not support."""
     run = stored_run(tmp_path / "run", (FALL_KEY, FALL), (FIND_KEY, FIND))
     found = run.episodes()
     text = found[FALL_KEY].model_dump_json().replace('"prompting":"zero-shot"', '"prompting":"of-old"')

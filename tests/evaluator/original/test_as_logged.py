@@ -1,4 +1,4 @@
-"""Conversion of logs to episode records: calls get the results that the models read. The logs are test data."""
+"""Tests of the conversion of logs to records: calls get the results that the models read. The logs are test data."""
 
 from pathlib import Path
 
@@ -83,7 +83,7 @@ def test_logged_episodes_can_be_kept_as_a_run_folder(tmp_path: Path) -> None:
 
 
 def test_the_form_of_an_answer_to_an_older_question_is_not_judged(tmp_path: Path) -> None:
-    """The pack may have been reworded after the log, from words to a number."""
+    """After the log was written, the pack may have been changed to ask for a number instead of words."""
     task = read_pack(find_pack(7, default_folder())).metadata.task
     in_words = 'It gets faster.\n\n[{"tool": "answer", "parameters": {"answer": "faster"}}]'
     keys = KeyRing()

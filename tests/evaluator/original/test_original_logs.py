@@ -1,4 +1,4 @@
-"""Reading and replaying the published logs, with logs of the same format made for the tests."""
+"""Tests of reading and replaying the published logs, with generated logs of the same format."""
 
 import json
 from dataclasses import replace
@@ -31,7 +31,7 @@ def write_log(
     title: str = TITLE,
     stamp: str = "20260101T000000",
 ) -> Path:
-    """Write a log as the authors' program does; without a verdict it ends as after a crash."""
+    """Write a log in the format of the authors' program; without a verdict it ends as after a crash."""
     text = "=== Experiment Log for 7 ===\n\n"
     for number, reply in enumerate(replies, start=1):
         said = "Previous results: Error: Invalid JSON syntax for tool(s)." if number - 1 in unread else "What next?"

@@ -1,4 +1,4 @@
-"""The pack that the paper prints as its example: its key in one string, and its time step."""
+"""Tests of the pack that the paper prints as an example: its key in one string, and its time step."""
 
 import logging
 import shutil

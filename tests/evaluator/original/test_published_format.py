@@ -1,6 +1,6 @@
-"""Packs in the format of the published ones, written for these tests: no answer form, no draw, no category.
+"""Tests of packs in the published format, written for these tests: no answer form, no draw, no category.
 
-A key is a number, the number of a case, or a list; what an answer is follows from it and from the problem type.
+A key is a number, the number of a case, or a list. The form of the answer follows from key and problem type.
 """
 
 import json

@@ -1,4 +1,4 @@
-"""The page of cards that `scenes list --html` writes."""
+"""Tests of the gallery that `scenes list --html` writes."""
 
 import base64
 import re

@@ -1,4 +1,4 @@
-"""The pages about the scenes: what they show, what they must not reveal, and what pictures may show."""
+"""Tests of the pages about scenes: their content, and what pages and images must not reveal."""
 
 import io
 import json
@@ -167,7 +167,7 @@ def test_the_form_of_an_answer_is_told_as_far_as_it_is_public(spec: dict[str, An
 
 
 def test_each_list_of_numbers_is_told_as_long_as_its_answer_is() -> None:
-    """A pack whose spec does not say how many numbers it asks for is told without a count."""
+    """If the pack's spec does not state the count of numbers, the page does not either."""
     for files, pack in readable():
         spec = pack.answer_spec
         if spec is None or spec.kind is not AnswerKind.NUMBERS:
@@ -190,7 +190,7 @@ def test_the_list_contains_no_private_sentence_of_any_pack() -> None:
 
 
 def hidden_numbers(pack: Pack) -> list[str]:
-    """Hidden numbers with 4 or more significant digits, as packs and pages write them; shorter ones match by chance."""
+    """Return hidden numbers with at least 4 significant digits, as written; shorter ones match by chance."""
     answer = pack.answer if isinstance(pack.answer, tuple) else (pack.answer,)
     knobs = [
         value for knob in pack.knobs.values() for value in (knob.canonical, *(knob.uniform or knob.log_uniform or ()))
@@ -292,7 +292,7 @@ for folder, scene, seed in json.loads(sys.argv[1]):
 
 
 def drawn(*wanted: tuple[Path, int, int]) -> list[np.ndarray]:
-    """Pictures of (folder, scene, seed), drawn in a separate process."""
+    """Draw pictures of (folder, scene, seed) in a separate process."""
     environment = {**os.environ, "MUJOCO_GL": os.environ.get("MUJOCO_GL", "osmesa")}
     command = [sys.executable, "-c", DRAW, json.dumps([(str(folder), scene, seed) for folder, scene, seed in wanted])]
     done = subprocess.run(command, env=environment, capture_output=True, check=False, timeout=300)

@@ -1,4 +1,4 @@
-"""What plates consist of: files, shapes, scales and places of labels."""
+"""Tests of plates: files, shapes, scale bars and positions of labels."""
 
 import io
 

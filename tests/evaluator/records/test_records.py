@@ -1,4 +1,4 @@
-"""`run.json`: every form that was ever written can be read, and is written again unchanged."""
+"""Tests that every form of `run.json` ever written can be read, and is written again unchanged."""
 
 import json
 from typing import Any

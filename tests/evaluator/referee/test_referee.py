@@ -1,4 +1,4 @@
-"""The referee over HTTP, with a real host: what it opens, what it refuses, and that each reward is given once."""
+"""Tests of the referee over HTTP, with a real host: opening, refusals, and that each reward is given once."""
 
 import contextlib
 import json
@@ -46,7 +46,7 @@ GIVE_UP = {"end": "budget_exhausted"}
 
 
 class Trainer:
-    """A trainer's side of a referee."""
+    """A client of the referee, in the role of a trainer."""
 
     def __init__(self, referee: Referee, http: httpx.AsyncClient) -> None:
         self.referee, self.http = referee, http
@@ -73,7 +73,7 @@ async def refereeing(host_url: str, *, token: str | None = None, **options: Any)
 
 
 async def played_by_reference(opened: dict[str, Any], scene: int, seed: int) -> Episode:
-    """What the loop makes of an episode that the referee opened: only its address and its token are used."""
+    """Play a referee's episode with the reference agent in the loop, by its address and token."""
     headers = {"Authorization": f"Bearer {opened['player_token']}"}
     key = episode_key(scene, seed=seed, agent="reference", budget=opened["budget"])
     async with httpx2.AsyncClient(headers=headers) as http, mcp_client(opened["mcp_url"], http) as client:
@@ -81,7 +81,7 @@ async def played_by_reference(opened: dict[str, Any], scene: int, seed: int) -> 
 
 
 def sentence(reply: httpx.Response) -> str:
-    """The one sentence of a refusal."""
+    """Return the error message of a refusal."""
     body = reply.json()
     assert set(body) == {"error"}
     assert len(body["error"].splitlines()) == 1

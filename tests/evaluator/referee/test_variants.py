@@ -1,4 +1,4 @@
-"""Which variant a request means, and that a referee with a key opens, records and grades held-back variants."""
+"""Tests of how requests select variants, and of a referee that opens, records and grades held-back variants."""
 
 import contextlib
 import json
@@ -126,7 +126,7 @@ async def refereeing(
 
 
 async def solved(http: httpx.AsyncClient, request: dict[str, object]) -> tuple[dict[str, object], float]:
-    """Let the reference protocol play what a request opens; the reply, and the reward."""
+    """Let the reference protocol play a requested episode; returns the reply and the reward."""
     opened = (await http.post("/episodes", json=request)).json()
     headers = {"Authorization": f"Bearer {opened['player_token']}"}
     async with httpx2.AsyncClient(headers=headers) as http2, mcp_client(opened["mcp_url"], http2) as client:

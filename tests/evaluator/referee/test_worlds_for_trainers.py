@@ -1,4 +1,4 @@
-"""A referee opens worlds that were made before, by level, parts and split, and says what it cannot open."""
+"""Tests that a referee opens stored worlds by level, parts and split, and explains what it cannot open."""
 
 from collections.abc import AsyncGenerator
 from contextlib import asynccontextmanager

@@ -11,7 +11,7 @@ from tests.builders.reports import played, run_of
 
 @pytest.fixture(scope="session")
 def study() -> Run:
-    """The reference, and a model that is right if scene plus budget is even; 64 episodes."""
+    """A study with the reference, and a model that is right if scene plus budget is even; 64 episodes."""
     rows = [
         played(scene, agent, budget, right=agent == "reference" or (scene + budget) % 2 == 0)
         for scene in range(7, 23)

@@ -1,4 +1,4 @@
-"""Films and frames of a stranger's run: what is no film and no picture stays out of the report, and no script runs."""
+"""Tests of untrusted films and frames: invalid files are left out of the report, and no script of theirs runs."""
 
 import os
 import re
@@ -37,12 +37,12 @@ def filmed(tmp_path_factory: pytest.TempPathFactory) -> RunFolder:
 
 @pytest.fixture
 def run(filmed: RunFolder, tmp_path: Path) -> RunFolder:
-    """A run with two films, one for each test."""
+    """A run with two films, of which each test uses one."""
     return RunFolder(Path(shutil.copytree(filmed.path, tmp_path / "stranger")))
 
 
 def put(text: str, instead: str) -> Callable[[str], str]:
-    """What writes something instead of the first place of a text, which must be there."""
+    """Return a function that replaces the first occurrence of a text, which must be present."""
 
     def spoil(film: str) -> str:
         assert text in film
@@ -194,7 +194,7 @@ def test_a_report_writes_through_no_linked_file(run: RunFolder, tmp_path: Path, 
 
 
 def with_frame(run: RunFolder, content: bytes = PNG) -> Frame:
-    """Add an episode whose first call came with a frame."""
+    """Add an episode with a frame in the result of its first call."""
     frame = Frame.of(content)
     exchange = returned("step", duration=0.1).model_copy(update={"frames": (frame,)})
     run.append_episode(episode(turn("", exchange), key=episode_key(8), answer=1))
@@ -227,7 +227,7 @@ def test_a_frame_with_the_name_of_another_place_is_no_record(run: RunFolder, nam
 
 
 def links(page: str) -> set[str]:
-    """Addresses of all that a page loads or links, besides places in itself."""
+    """Return the addresses that a page loads or links, except anchors in itself."""
     found = re.findall(r'(?:href|src|data-film)="([^"#]*)"', page)
     return {unquote(address) for address in found if address and not address.startswith("data:")}
 
@@ -273,7 +273,7 @@ def test_a_film_that_is_read_and_written_is_the_same(filmed: RunFolder) -> None:
 
 
 def test_what_agents_write_is_text_in_every_page(tmp_path: Path, browser: Page) -> None:
-    """Agents and strangers decide the texts of a record; each page holds them as text."""
+    """Agents and third parties choose the texts of a record; every page must escape them."""
     evil = (
         f"</script><script>{PWNED}</script><img src=x onerror={PWNED}>\u2028\"'><div class=film data-film=x.js>"
         "<button>▶</button></div>{{ 7 * 7 }}`${1}`"

@@ -1,4 +1,4 @@
-"""The baseline run that ships with the package: its size, what reports show of it, and how it is kept and replayed."""
+"""Tests of the baseline run in the package: its size, its use in reports, and how it is updated and replayed."""
 
 import lzma
 from collections import Counter

@@ -1,4 +1,4 @@
-"""The page opened from disk in Chromium, used with the mouse and with the keyboard alone."""
+"""Tests of the report opened from disk in Chromium, with the mouse and with the keyboard alone."""
 
 from pathlib import Path
 
@@ -27,7 +27,7 @@ FOCUSED = "document.activeElement.closest('details')?.id"
 
 @pytest.fixture(scope="module", params=[300, 10], ids=["one file", "notebooks beside"])
 def report(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory, study: Run) -> Path:
-    """The report as one file, and with notebooks that are loaded when opened."""
+    """The report as one file, and as one with notebooks that are loaded when opened."""
     folder = tmp_path_factory.mktemp("report")
     file = write_report(RunFolder(folder), [study], inline=request.param)
     assert (folder / PAGES).is_dir() == (request.param == 10)

@@ -1,4 +1,4 @@
-"""The calls of an episode as rows of a table: what is read at a glance is what was returned, with its unit."""
+"""Tests of the table of calls: it shows the returned values with their units."""
 
 import json
 import re

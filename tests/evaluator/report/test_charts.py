@@ -1,4 +1,4 @@
-"""Charts of an episode show only what the agent read, at the time of reading and at the right place."""
+"""Tests of charts: they show only values that the agent read, at the time of reading and the right position."""
 
 import math
 from typing import Any

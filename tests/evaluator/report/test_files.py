@@ -1,4 +1,4 @@
-"""The files that `physment-eval report` writes: one page, or a page with notebooks, of one run or of several."""
+"""Tests of the files that `physment-eval report` writes, for one or several runs, as one file or with notebooks."""
 
 import csv
 import json

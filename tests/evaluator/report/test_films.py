@@ -1,4 +1,4 @@
-"""Films in a report that was opened from disk: they play, follow the keyboard, ask nobody, or say why they do not."""
+"""Tests of films in a report opened from disk: playback, keyboard, no requests, and messages if they cannot play."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -43,7 +43,7 @@ def report(run: RunFolder, inline: int = 300) -> Path:
 
 @pytest.fixture(params=[(300, SOFTWARE_WEBGL), (1, ("--disable-3d-apis",))], ids=["webgl", "outline, notebooks beside"])
 def shown(request: pytest.FixtureRequest, run: RunFolder, tmp_path: Path) -> Iterator[tuple[Page, Path]]:
-    """A browser and a report: one that draws, and one that cannot."""
+    """A browser with a report, once with and once without WebGL."""
     if PROGRAM is None:
         pytest.skip("no Chromium is installed, so no film is played")
     inline, flags = request.param
@@ -64,7 +64,7 @@ def opened(browser: Page, page: Path, number: int) -> None:
 
 
 def red(browser: Page, file: Path) -> int:
-    """How many pixels are as red as the ball."""
+    """Count the pixels that are as red as the ball."""
     browser.picture(file, whole=False)
     colours = np.asarray(Image.open(file).convert("RGB"), dtype=np.int16)
     return int((colours[..., 0] - colours[..., 1:].max(axis=2) > 60).sum())

@@ -1,4 +1,4 @@
-"""Tables in Markdown: their form, and text that cannot break them."""
+"""Tests of Markdown tables: their form, and escaping of texts."""
 
 import re
 

@@ -1,4 +1,4 @@
-"""The page of a run shows what its records hold, loads nothing from elsewhere, and is safe whatever an agent wrote."""
+"""Tests of the page of a run: it shows the records, loads nothing from other hosts, and escapes agents' texts."""
 
 import base64
 import hashlib
@@ -23,7 +23,7 @@ RECORD = RunRecord(
 
 
 def row(scene: int, right: bool | None, category: str, said: str = "I look.") -> ScoredEpisode:
-    """An episode that says the same everywhere; it was not played if `right` is None."""
+    """An episode whose texts are all the same; without a verdict if `right` is None."""
     key = episode_key(scene, budget=5)
     if right is None:
         played = episode(key=key, outcome=Outcome.INFRASTRUCTURE_ERROR, prompt=said, error=said)

@@ -1,4 +1,4 @@
-"""The tables in the paper's layout: its rows, its order, its colours, and its own numbers told apart from ours."""
+"""Tests of the tables in the paper's layout: rows, order, colours, and marks of numbers quoted from the paper."""
 
 import re
 

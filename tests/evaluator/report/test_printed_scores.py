@@ -1,4 +1,4 @@
-"""Every printed Final Score is 100 times the weights times the dimensions that are printed in its row."""
+"""Tests that every printed Final Score is 100 times the weighted sum of the dimensions printed in its row."""
 
 import json
 import re
@@ -28,7 +28,7 @@ READ = returned("get_position", {"position": [0.0, 0.0, 1.951]}, object_id=1)
 
 
 def row(number: int, agent: str) -> ScoredEpisode:
-    """An episode that experiments if its number is not divisible by 3, and speaks of what it read if it is odd."""
+    """An episode with experiments unless its number is divisible by 3, and with stated readings if it is odd."""
     said = f"I read z = 1.951 m, so the mass is {number + 20.5} kg." if number % 2 else ""
     turns = [turn("I look.", READ, *[refused("step")] * (number % 4))] if number % 3 else []
     quiet = agent == "quiet" and number > 1
@@ -42,7 +42,7 @@ def row(number: int, agent: str) -> ScoredEpisode:
 
 @pytest.fixture(scope="module")
 def run() -> Run:
-    """Two agents that do not define every dimension in every episode; one of them states too few numbers for a G."""
+    """Two agents some of whose episodes leave dimensions undefined; one states too few numbers for a G."""
     return run_of([row(number, agent) for agent in ("quiet", "model:x") for number in range(53)])
 
 
@@ -54,7 +54,7 @@ def number(cell: str) -> float | None:
 
 
 def check(row: Mapping[str, str]) -> bool:
-    """Recompute the scores of a printed row, named by the titles of its columns; False if it prints none."""
+    """Recompute the scores of a printed row, identified by column titles; False if it contains none."""
     title = next((title for title in SCORES if title in row), None)
     if title is None or not set(TITLES) <= set(row):
         return False
@@ -70,7 +70,7 @@ def check(row: Mapping[str, str]) -> bool:
 
 
 def checked(titles: Sequence[str], rows: Sequence[Sequence[str]]) -> int:
-    """How many scores of a printed table were recomputed."""
+    """Recompute the scores of a printed table; returns their number."""
     if not set(TITLES) <= set(titles):
         return 0
     # The second V is that of enabled tools.
@@ -79,7 +79,7 @@ def checked(titles: Sequence[str], rows: Sequence[Sequence[str]]) -> int:
 
 
 class Tables(HTMLParser):
-    """The cells of the tables of a page, without what stands in `<small>`."""
+    """Parser of the table cells of a page, which ignores `<small>`."""
 
     def __init__(self, page: str) -> None:
         super().__init__()
@@ -147,7 +147,7 @@ def test_in_the_layout_of_the_paper_with_the_paper_s_own_rows(run: Run) -> None:
 
 
 def groups(value: object) -> Iterator[Mapping[str, float | None]]:
-    """Every group of a summary, wherever it stands."""
+    """Return every group in a summary, at any depth."""
     if isinstance(value, dict):
         if "final_score" in value:
             yield value

@@ -1,4 +1,4 @@
-"""The content of tables, exports and figures, and their safety for the programs that read them."""
+"""Tests of the content of tables, exports and figures, and of their safety for programs that read them."""
 
 import csv
 import io

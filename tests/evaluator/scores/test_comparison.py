@@ -1,4 +1,4 @@
-"""Comparing two runs: which episodes form pairs, which run is better, and what is refused."""
+"""Tests of the comparison of two runs: pairs of episodes, the better run, and refusals."""
 
 import json
 import re

@@ -1,4 +1,4 @@
-"""Numbers that follow by stated arithmetic, and coefficients of formulas: each case counted by hand."""
+"""Tests of numbers derived by stated arithmetic, and of formula coefficients: each case counted by hand."""
 
 import json
 
@@ -15,7 +15,7 @@ VELOCITY = returned("get_velocity", {"sim_time": 0.5, "velocity": [3.2, 0.0, -4.
 
 
 def after(reasoning: str, prompt: str = "") -> Grounding:
-    """Grounding of a turn's reasoning, after a turn that read `VELOCITY` and 0.5 s."""
+    """Return the grounding of a turn's reasoning, after a turn that read `VELOCITY` and 0.5 s."""
     step = returned("step", {"sim_time": 0.5}, duration=0.5)
     return grounding_of(episode(turn("", step, VELOCITY), turn(reasoning), prompt=prompt))
 

@@ -1,4 +1,4 @@
-"""What counts as a call and as lab time, and how much of a scene's limits was used."""
+"""Tests of the cost of experiments: which calls and times count, and the used share of a scene's limits."""
 
 import pytest
 

@@ -1,4 +1,4 @@
-"""Grounding of transcripts checked by hand: which numbers are assertions, and which return supports them."""
+"""Tests of grounding on transcripts checked by hand: which numbers are assertions, and which return supports them."""
 
 import pytest
 from hypothesis import given, settings
@@ -18,7 +18,7 @@ def texts(grounding: Grounding, *, supported: bool) -> list[str]:
 
 
 def after(reasoning: str, *exchanges: Exchange, prompt: str = "") -> Grounding:
-    """Grounding of a turn's reasoning, after a turn with some returns."""
+    """Return the grounding of a turn's reasoning, after a turn with some results."""
     return grounding_of(episode(turn("", *exchanges), turn(reasoning), prompt=prompt))
 
 

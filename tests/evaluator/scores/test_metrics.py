@@ -1,4 +1,4 @@
-"""Dimensions, the Final Score and summaries against values computed by hand and published ones."""
+"""Tests of dimensions, Final Score and summaries against values computed by hand and published ones."""
 
 import itertools
 

@@ -1,4 +1,4 @@
-"""What is a plan in a text, and that its numbers are no statements."""
+"""Tests of plans in texts, whose numbers are not assertions."""
 
 import pytest
 

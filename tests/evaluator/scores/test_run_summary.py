@@ -1,4 +1,4 @@
-"""The statistics in the summary of a run and in the terminal."""
+"""Tests of the statistics in the summary of a run and in the terminal."""
 
 import json
 import subprocess
@@ -61,7 +61,7 @@ def test_the_interval_of_a_group_is_clustered_by_scene() -> None:
 
 
 def open_worlds(graded: tuple[float, ...], agent: str = "x") -> list[ScoredEpisode]:
-    """An episode in an open world for each share of predictions that is right."""
+    """Return an episode in an open world for each share of right predictions."""
     return [
         scored(
             episode(turn("", returned("step", {"sim_time": 2.0})), key=episode_key(201 + number, agent=agent)),

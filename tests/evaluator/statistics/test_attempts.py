@@ -1,4 +1,4 @@
-"""pass@k and pass^k against their definition: all ways to choose k of the tries."""
+"""Tests of pass@k and pass^k against their definition: all ways to choose k of the tries."""
 
 import itertools
 from statistics import fmean

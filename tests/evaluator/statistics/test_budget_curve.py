@@ -1,4 +1,4 @@
-"""Budget curves of simulated runs with known accuracies."""
+"""Tests of budget curves on simulated runs with known accuracies."""
 
 import numpy as np
 import pytest
@@ -10,7 +10,7 @@ BUDGETS = (5, 10, 15, 20)
 
 
 def curve_of(*chances: float, scenes: int = 105, seeds: int = 1, seed: int = 1) -> BudgetCurve:
-    """A simulated run; an episode is right if its scene's difficulty plus random luck is below the given chance."""
+    """Return the curve of a simulated run; an episode is right if difficulty plus luck is below the given chance."""
     rng = np.random.default_rng(seed)
     difficulty = rng.random(scenes)
     cells = [
@@ -87,7 +87,7 @@ def test_a_flat_shape_is_more_certain_with_more_episodes() -> None:
 
 
 def test_a_flat_curve_is_misjudged_in_at_most_5_per_cent_of_runs() -> None:
-    """150 simulated runs of 60 scenes with equal chances at all budgets."""
+    """Simulates 150 runs of 60 scenes with equal chances at all budgets."""
     shapes = [curve_of(0.5, 0.5, 0.5, 0.5, scenes=60, seed=seed).shape for seed in range(150)]
     assert sum(shape is not CurveShape.FLAT for shape in shapes) <= 7
 

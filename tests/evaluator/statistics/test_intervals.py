@@ -1,4 +1,4 @@
-"""Intervals of one accuracy, against published examples, scipy, and simulated runs with a known accuracy."""
+"""Tests of intervals against published examples, SciPy, and simulated runs with a known accuracy."""
 
 import numpy as np
 import pytest
@@ -50,7 +50,7 @@ def test_no_trials_or_episodes_are_refused() -> None:
 
 @pytest.mark.parametrize(("litters", "published"), [(CONTROL, 1.232495), (TREATED, 3.952861)])
 def test_the_design_effect_matches_the_published_value(litters: list[tuple[int, int]], published: float) -> None:
-    """Rao and Scott 1992, Biometrics 48, 577-585, table 1; to six digits in the example of `rsb` in R's package PF."""
+    """Rao and Scott 1992, Biometrics 48, 577-585, table 1; six digits from the example of `rsb` in R's package PF."""
     found = design_effect([alive for _, alive in litters], [size for size, _ in litters])
     assert found == pytest.approx(published, abs=5e-7)
 

@@ -1,4 +1,4 @@
-"""Paired tests, compared with published examples and with each other."""
+"""Tests of paired tests against published examples and each other."""
 
 import itertools
 
@@ -106,7 +106,7 @@ def test_a_comparison_without_pairs_is_refused() -> None:
 
 
 def test_equal_agents_differ_significantly_in_at_most_5_per_cent_of_runs() -> None:
-    """2,000 simulated pairs of runs of the same agent, on five seeds of 30 scenes of different difficulty."""
+    """Simulates 2,000 pairs of runs of the same agent, on five seeds of 30 scenes of different difficulty."""
     rng = np.random.default_rng(3)
     alarms = 0
     for _ in range(2000):

@@ -1,4 +1,4 @@
-"""The bootstrap over scenes, compared with a published example and simulated runs."""
+"""Tests of the bootstrap over scenes against a published example and simulated runs."""
 
 import numpy as np
 import pytest
@@ -57,7 +57,7 @@ def test_if_all_scenes_agree_the_interval_allows_for_unseen_scenes() -> None:
 def test_the_95_per_cent_interval_of_a_difference_has_a_coverage_of_93_to_97(
     scenes: int, seeds: int, first: float, second: float
 ) -> None:
-    """Simulated pairs of agents whose chances share a common part per scene, so that pairing matters."""
+    """Simulates pairs of agents whose chances share a component per scene, so that pairing matters."""
     rng = np.random.default_rng(8)
     common = 0.25
     covered = 0

@@ -1,4 +1,4 @@
-"""Secrets are found in the forms in which they slip into text, and nothing else is changed."""
+"""Tests that secrets are redacted in all their encodings, and that other text is unchanged."""
 
 import base64
 import json

@@ -1,4 +1,4 @@
-"""Run folders survive kills, and report damage."""
+"""Tests that run folders survive kills and report damage."""
 
 from collections.abc import Callable
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""A fork has the stored turns bit for bit, another agent after them, and says where it comes from."""
+"""Tests that a fork contains the stored turns bit for bit, then another agent's turns, and names its origin."""
 
 import hashlib
 import json
@@ -24,7 +24,7 @@ SCRIPT = {
 
 
 class Telling:
-    """Answers with the number of characters that it was told, so that a test sees the account."""
+    """An agent whose answer is the length of its prompt, so that a test can detect the added account."""
 
     name = "telling"
     told: dict[EpisodeKey, Briefing] = {}  # noqa: RUF012 - read by tests

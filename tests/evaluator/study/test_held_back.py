@@ -1,4 +1,4 @@
-"""Held-back seeds: records tell neither seeds nor keys, and the run grades, resumes, replays and is revealed."""
+"""Tests of held-back seeds: records contain neither seeds nor keys; the run is graded, resumed, replayed, revealed."""
 
 import hashlib
 import hmac

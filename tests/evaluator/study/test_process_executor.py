@@ -1,4 +1,4 @@
-"""Episodes played by several processes on this machine."""
+"""Tests of episodes that several processes on this machine play."""
 
 import errno
 import os
@@ -84,7 +84,7 @@ def leaves(error: BaseException) -> list[BaseException]:
 
 
 async def start(agent: str = "") -> None:
-    """Start two workers, and let them play an episode of an agent that they do not have."""
+    """Start two workers, and let them play an episode of an unknown agent."""
     config, plan = RunConfig(agents=("random",), concurrency=2), Plan(scenes=(7,), agents=("random",))
     record = run_record(plan, [find_pack(7)], ServerRecord(option="stdio"))
     async with process_workers(config, participants_of(config), record, count=2) as play:

@@ -1,4 +1,4 @@
-"""Replay: the same calls bring the same returns, and a changed laboratory is noticed."""
+"""Tests of replay: equal calls give equal results, and a changed laboratory is detected."""
 
 import json
 import shutil

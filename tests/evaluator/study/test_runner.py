@@ -1,4 +1,4 @@
-"""Playing the matrix of a run: a few episodes at a time, each recorded once, in spite of failures and stops."""
+"""Tests of the runner: limited concurrency, and each episode recorded once despite failures and stops."""
 
 from collections.abc import AsyncGenerator
 from contextlib import asynccontextmanager
@@ -96,7 +96,7 @@ async def test_no_more_episodes_are_open_than_the_concurrency_and_each_is_played
 
 async def test_as_many_episodes_are_open_as_the_concurrency_allows(folder: RunFolder) -> None:
     class Waiting:
-        """Answers only when three of its kind are playing."""
+        """An agent that answers only when three of its kind are playing."""
 
         name = "x"
 
@@ -122,7 +122,9 @@ async def test_as_many_episodes_are_open_as_the_concurrency_allows(folder: RunFo
 @pytest.mark.parametrize(("failing", "replies"), [(0, 2), (1, 3), (2, 4), (3, 3)])
 async def test_the_usage_of_failed_attempts_is_counted(folder: RunFolder, failing: int, replies: int) -> None:
     class Failing:
-        """Loses the laboratory after its first turn in some attempts, and answers in its second in the next."""
+        """An agent that loses the laboratory after its first turn in some attempts, and otherwise answers in its
+        second.
+        """
 
         name = "x"
         attempts = 0
@@ -162,7 +164,7 @@ async def test_an_infrastructure_error_costs_an_attempt_and_not_the_episode(fold
 
 async def test_an_agent_that_can_never_play_is_asked_once_and_the_others_play(folder: RunFolder, host_url: str) -> None:
     class Keyless:
-        """Its provider refuses the key."""
+        """An agent whose provider refuses the API key."""
 
         name = "keyless"
         asked = 0
@@ -185,7 +187,7 @@ async def test_an_agent_that_can_never_play_is_asked_once_and_the_others_play(fo
 
 async def test_after_a_failure_in_the_middle_an_episode_is_played_again_from_its_start(folder: RunFolder) -> None:
     class Shaky:
-        """Looks, and on the first attempt fails at its second turn."""
+        """An agent that reads, and fails at its second turn on the first attempt."""
 
         name = "x"
         attempts = 0
@@ -252,7 +254,7 @@ async def test_a_run_continues_where_it_was_stopped_at_any_moment(folder: RunFol
 
     @dataclass
     class Stopper:
-        """Plays the script, and is stopped from outside at its third episode."""
+        """An agent that plays the script, and is cancelled at its third episode."""
 
         name: str = "x"
         started: int = 0

@@ -1,4 +1,4 @@
-"""The seal of a run finds every change of its records, and says honestly what it cannot vouch for."""
+"""Tests that the seal of a run reveals every change of its records, and reports records that it does not cover."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""How options are read, and the sentence for each that is malformed."""
+"""Tests of the parsing of `--scenes`, `--seeds`, `--budgets` and `--split`, and of their error messages."""
 
 import json
 from pathlib import Path
@@ -28,7 +28,7 @@ def test_scenes_are_selected_by_id_range_and_category() -> None:
 
 
 def pack(folder: Path, scene: int, category: str | None) -> None:
-    """Write a pack of which only the category matters."""
+    """Write a pack with a category and otherwise arbitrary content."""
     (folder / f"Scene{scene}").mkdir()
     content = json.loads((find_pack(7).json).read_text(encoding="utf-8")) | {"category": category}
     (folder / f"Scene{scene}" / f"scene{scene}.json").write_text(json.dumps(content), encoding="utf-8")

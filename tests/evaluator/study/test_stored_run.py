@@ -1,7 +1,7 @@
-"""A run folder from before packs were hashed by content and laid out: it loads, grades, replays and resumes as before.
+"""Tests that a run folder from before content hashes loads, grades, replays and resumes as before.
 
-`stored_run` was played, graded and summarised by that code, and is never written anew. It names packs by hashes
-of their bytes. `stored_packs` holds these packs, so that the suite may replace them.
+That version of the code played, graded and summarised `stored_run`, which is never regenerated. The folder names packs
+by hashes of their bytes. `stored_packs` holds these packs, so that the suite may replace them.
 """
 
 import json
@@ -151,7 +151,7 @@ def test_it_is_compared_reported_and_merged_with_a_run_of_today(
 
 
 def first_velocity(episode: Episode, change: Callable[[dict[str, Any]], dict[str, Any]]) -> Episode:
-    """The stored episode of the reference agent in scene 7, with the return of its `get_velocity` changed."""
+    """The stored episode of the reference agent in scene 7, with a changed result of `get_velocity`."""
     plain = episode.model_dump(mode="json")
     exchange = plain["turns"][0]["exchanges"][1]
     assert exchange["call"]["tool"] == "get_velocity"
@@ -160,12 +160,12 @@ def first_velocity(episode: Episode, change: Callable[[dict[str, Any]], dict[str
 
 
 def with_less(content: dict[str, Any]) -> dict[str, Any]:
-    """As if a later version of the tools had added `velocity`."""
+    """Return a result without `velocity`, as if a later version of the tools had added it."""
     return {name: value for name, value in content.items() if name != "velocity"}
 
 
 def with_more(content: dict[str, Any]) -> dict[str, Any]:
-    """As if a later version of the tools had removed `speed`."""
+    """Return a result with `speed`, as if a later version of the tools had removed it."""
     return content | {"speed": 1.0}
 
 
@@ -179,7 +179,7 @@ OTHER = "0" * 16
 
 @pytest.fixture(scope="module")
 def today(tmp_path_factory: pytest.TempPathFactory, host_url: str) -> RunFolder:
-    """The same run, played by the code of today; to be copied before it is changed."""
+    """The same run, played by the present code. Tests copy it before they change it."""
     folder = RunFolder(tmp_path_factory.mktemp("today") / "run")
     assert play(folder.path, host_url) == 0
     return folder

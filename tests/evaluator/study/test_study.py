@@ -1,4 +1,4 @@
-"""Shards, limits, study files and merged runs: what large runs need."""
+"""Tests of large runs: shards, limits, study files and merged runs."""
 
 import json
 import re

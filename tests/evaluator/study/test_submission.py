@@ -1,4 +1,4 @@
-"""A submission states what its run folder gives, and every change of either is refused with what differs."""
+"""Tests that a submission matches its run folder, and that every change of either is refused with the difference."""
 
 import json
 import shutil
@@ -51,7 +51,7 @@ def edit(file: Path, change: Callable[[dict[str, Any]], object]) -> None:
 
 
 def rewrite(folder: RunFolder, change: Callable[[Episode], Episode]) -> None:
-    """Change the first episode, and seal, grade and submit the run as if it had been played so."""
+    """Change the first episode, then seal, grade and submit the run again."""
     first, *rest = folder.episodes().values()
     folder.episodes_file.unlink()
     folder.seal_file.unlink()
@@ -128,7 +128,7 @@ def test_another_folder_is_refused(
 
 
 def test_a_forged_answer_is_found_by_the_replay(folder: RunFolder, check: Callable[..., tuple[int, str]]) -> None:
-    """Whoever seals, grades and submits forged records anew must forge what the laboratory returns, too."""
+    """A forger who seals, grades and submits again must also forge the results of the laboratory."""
     rewrite(folder, lambda episode: episode.model_copy(update={"answer": 7.8, "prompt": episode.prompt}))
     code, sentence = check()
     assert (code, "answer: recorded 7.8" in sentence) == (1, True), sentence
@@ -150,7 +150,7 @@ def test_a_forged_reading_is_found_by_the_replay(folder: RunFolder, check: Calla
 def test_a_sealed_forgery_that_fits_the_laboratory_passes_and_the_help_says_so(
     folder: RunFolder, check: Callable[..., tuple[int, str]], capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Nobody gave this answer, but the laboratory would have taken it."""
+    """No agent gave this answer, but the laboratory would have accepted it."""
 
     def forge(episode: Episode) -> Episode:
         content, given = json.loads(episode.model_dump_json()), json.dumps(episode.answer)
@@ -216,7 +216,7 @@ def test_a_run_that_is_not_whole_is_not_submitted(
 
 
 def test_a_run_of_a_program_is_confirmed_too(tmp_path: Path, host_url: str, capsys: pytest.CaptureFixture[str]) -> None:
-    """Its episodes have a turn for each call and another prompt than those that the loop plays."""
+    """Its episodes have one turn per call, and another prompt than those that the loop plays."""
     program = tmp_path / "agent.py"
     program.write_text(
         "import sys, anyio\nfrom mcp import Client\n\nasync def play(url):\n    async with Client(url) as laboratory:\n"

@@ -1,4 +1,4 @@
-"""A run is shown while it is written: each line is read once, nothing is changed, and only this machine may look."""
+"""Tests of watching a run while it is written: each line is read once, nothing is changed, loopback only."""
 
 import json
 import signal
@@ -31,7 +31,7 @@ RIGHT = 7.848
 
 
 def ended(key: EpisodeKey, answer: JsonValue = RIGHT, *, ago_s: float = 10.0, **changes: Any) -> Episode:
-    """An episode that lasted one second and ended some time before `NOW`."""
+    """Return an episode that lasted one second and ended some time before `NOW`."""
     began = NOW - timedelta(seconds=ago_s + 1)
     versions = VERSIONS.model_copy(update={"pack": pack_hash(find_pack(key.scene))})
     done = episode(turn("I look."), key=key, answer=answer, versions=versions)

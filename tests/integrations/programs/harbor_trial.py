@@ -2,9 +2,9 @@
 
 harbor_trial.py FOLDER PLACES TASK AGENT...    prints a line of JSON for each agent: oracle, nop, or forger
 
-A container is a folder with namespaces of its own: mounts, and a network that a task's containers share and the
-verifier's lacks. Its files are those that its Dockerfile copies, and the folders of PLACES (JSON: `folders`, `path`,
-`python_path`), which stand for the image. Harbor itself does the rest: agent, collection of the log, verifier.
+A container is a folder with its own namespaces: mounts, and a network that a task's containers share and the verifier's
+lacks. Its files are those that its Dockerfile copies, and the folders of PLACES (JSON: `folders`, `path`,
+`python_path`), which replace the image. Harbor itself runs the agent, collects the log and runs the verifier.
 """
 
 import asyncio
@@ -49,7 +49,7 @@ class Container:
         (root / "hosts").write_text("127.0.0.1 localhost laboratory\n", encoding="utf-8")
 
     def script(self, command: str, variables: dict[str, str]) -> str:
-        """A script that runs a command in the container, in mount and network namespaces that are made already."""
+        """Return a script that runs a command in the container, in existing mount and network namespaces."""
         lines: list[str] = []
         for folder in filter(os.path.isdir, [*SYSTEM, *PLACES["folders"]]):
             lines += [f"mkdir -p {self.root}{folder}", f"mount --rbind -o ro {folder} {self.root}{folder}"]
@@ -69,7 +69,7 @@ class Namespaces(BaseEnvironment):
 
     @property
     def capabilities(self) -> EnvironmentCapabilities:
-        """What Harbor may ask of it."""
+        """The features that Harbor may use."""
         return EnvironmentCapabilities(docker_compose=True, disable_internet=True)
 
     def _validate_definition(self) -> None:
@@ -158,7 +158,7 @@ class Namespaces(BaseEnvironment):
 
 
 class Forger(BaseAgent):
-    """As root in its container, writes a log and rewards, and asks the laboratory for what it must not give."""
+    """An agent that writes a log and rewards as root, and requests private data from the laboratory."""
 
     capabilities = AgentCapabilities(mcp_servers=True)
 

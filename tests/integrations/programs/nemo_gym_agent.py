@@ -1,4 +1,4 @@
-"""Plays rows of a dataset on the resources server with a model over the wire, in the environment of NeMo Gym.
+"""Plays rows of a dataset on the resources server with a model over HTTP, in the environment of NeMo Gym.
 
 nemo_gym_agent.py MODEL DATASET    prints a line of JSON for each row
 """
@@ -29,7 +29,7 @@ def next_message(model: str, messages: list[dict[str, Any]], tools: list[dict[st
 
 
 def play(client: TestClient, model: str, row: dict[str, Any]) -> dict[str, Any]:
-    """What `simple_agent` does with a row: seed, ask and call until the model or the budget ends it, verify."""
+    """Play a row as `simple_agent` does: seed, then ask and call until the model or the budget ends it, then verify."""
     client.cookies.clear()
     assert client.post("/seed_session", json=row).status_code == 200
     asked, output = row["responses_create_params"], []

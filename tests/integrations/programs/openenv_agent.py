@@ -1,6 +1,6 @@
-"""Plays episodes on an OpenEnv server with a model over the wire, in the environment of OpenEnv.
+"""Plays episodes on an OpenEnv server with a model over HTTP, in the environment of OpenEnv.
 
-openenv_agent.py SERVER MODEL BUDGET VARIANT...    prints a line of JSON for each episode; a variant is one, too
+openenv_agent.py SERVER MODEL BUDGET VARIANT...    prints a line of JSON for each episode; a variant is JSON, too
 """
 
 import json

@@ -1,4 +1,4 @@
-"""The bundle for Claude Desktop: it contains what its manifest promises, starts anywhere, and reveals no answer."""
+"""Tests of the bundle for Claude Desktop: it matches its manifest, starts anywhere, and contains no answer."""
 
 import ast
 import json
@@ -56,7 +56,7 @@ def test_the_manifest_promises_what_is_in_the_bundle(unpacked: Path, manifest: d
 
 
 async def test_an_unpacked_bundle_plays_a_scene(unpacked: Path, manifest: dict[str, Any], tmp_path: Path) -> None:
-    """As the application starts it, but with this interpreter instead of the one that `uv` would install."""
+    """Started as the application does, but with this interpreter instead of uv's."""
     words = [
         word.replace("${__dirname}", str(unpacked)).replace("${user_config.seed}", "20")
         for word in manifest["server"]["mcp_config"]["args"]
@@ -114,7 +114,7 @@ def test_the_bundle_holds_no_private_half(packed: Path, unpacked: Path) -> None:
 
 
 def test_every_file_of_the_package_is_in_the_bundle(unpacked: Path) -> None:
-    """Also those that are no modules, such as the page that is shown in the chat."""
+    """Includes files that are not modules, such as the page of the chat app."""
     package = Path(str(physment_mcp.__file__)).parent
     files = {path.relative_to(package) for path in package.rglob("*") if path.is_file() and path.suffix != ".pyc"}
     bundled = unpacked / "physment_mcp"

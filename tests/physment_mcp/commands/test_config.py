@@ -1,4 +1,4 @@
-"""What a person pastes into a client: valid JSON in the form of the client, which starts the laboratory."""
+"""Tests of the printed client configuration: valid JSON in the client's format, which starts the laboratory."""
 
 import json
 import subprocess

@@ -1,4 +1,4 @@
-"""Packs for a host on another machine: all that a laboratory needs, and nothing that reveals an answer."""
+"""Tests of exported packs: they suffice for a laboratory, and reveal no answer."""
 
 import json
 import shutil
@@ -108,7 +108,7 @@ def test_an_exported_suite_says_nothing_private(exported: Path) -> None:
 def test_no_private_field_of_a_pack_is_exported(
     write_pack: WritePack, pack: dict[str, Any], xml: str, tmp_path: Path
 ) -> None:
-    """Every private field, and one that the format does not know, gets a text that can be searched for."""
+    """Every private field, and one unknown to the format, gets a text that is then searched for."""
     public = {
         "objects", "object_permissions", "number_of_objects", "answer_spec", "disabled_tools", "soft_objects", "format",
         "limits", "instruments", "steps", "schematic",

@@ -1,4 +1,4 @@
-"""Episodes on stdio that are forked from one process."""
+"""Tests of episodes on stdio in processes forked from one process."""
 
 import contextlib
 import json
@@ -31,7 +31,7 @@ class Forks:
 
     @contextlib.contextmanager
     def forked(self, first: bytes) -> Generator[tuple[socket.socket, IO[bytes]]]:
-        """One episode: its stdin and stdout, and what it writes to stderr."""
+        """Fork one episode; returns its stdin, stdout and stderr."""
         ours, theirs = socket.socketpair()
         with ours, tempfile.TemporaryFile() as errors:
             with theirs:

@@ -1,4 +1,4 @@
-"""Mistyped words of the command line of the laboratory."""
+"""Tests of misspelled words on the laboratory's command line."""
 
 import os
 import pty

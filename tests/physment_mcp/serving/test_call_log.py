@@ -1,4 +1,4 @@
-"""The host's log of an episode that another program plays: complete, limited, and only for its owner."""
+"""Tests of the host's call log of an external program's episode: complete, limited, readable by its owner only."""
 
 import contextlib
 import json

@@ -1,4 +1,4 @@
-"""How many episodes a host takes if nobody says so."""
+"""Tests of a host's default quota of episodes."""
 
 from pathlib import Path
 

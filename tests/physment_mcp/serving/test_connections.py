@@ -1,4 +1,4 @@
-"""Connections that send nothing, too slowly or too much, and connections that are too many, harm nobody else."""
+"""Tests that idle, slow, oversized or too many connections do not affect other clients."""
 
 import asyncio
 import contextlib
@@ -34,7 +34,7 @@ async def echo(scope: Scope, receive: Receive, send: Send) -> None:
 
 @contextlib.contextmanager
 def served(connections: Connections, request_s: float = 0.3) -> Generator[Dial]:
-    """An application behind the gate on a free port; gives a function that connects to it."""
+    """Serve an application behind the guard on a free port; returns a function that connects to it."""
     listener = socket.create_server(("127.0.0.1", 0))
     config = uvicorn.Config(
         HttpGuard(echo, _at_once, names=["x"], most=1000, within_s=0.3),
@@ -64,7 +64,7 @@ def served(connections: Connections, request_s: float = 0.3) -> Generator[Dial]:
 
 
 def reply(connection: socket.socket) -> bytes:
-    """All that comes until the other side closes."""
+    """Read until the other side closes the connection."""
     received = b""
     with contextlib.suppress(ConnectionResetError):
         while part := connection.recv(4096):
@@ -96,7 +96,7 @@ def test_a_connection_without_a_complete_request_is_closed(begun: bytes) -> None
 
 
 def _send_slowly(connection: socket.socket) -> None:
-    """Send a byte now and then, until it fails or `PATIENCE_S` have passed."""
+    """Send single bytes with pauses, until sending fails or `PATIENCE_S` have passed."""
     for _ in range(int(PATIENCE_S / 0.05)):
         connection.sendall(b"x")
         time.sleep(0.05)

@@ -1,4 +1,4 @@
-"""The worked examples of the prompt, run in the engine: each return they show is what the tool returns."""
+"""Runs the prompt's worked examples in the engine: each shown result must be what the tool returns."""
 
 import json
 import math
@@ -36,7 +36,7 @@ def session(world: str) -> Session:
 
 
 def unlike(shown: Any, returned: Any, path: str = "") -> list[str]:
-    """Differences between a shown and a returned result, at the digits shown."""
+    """Return the differences between a shown and a returned result, at the digits shown."""
     if isinstance(shown, dict) and isinstance(returned, dict):
         left: dict[str, Any] = shown  # pyright: ignore[reportUnknownVariableType] - JSON
         right: dict[str, Any] = returned  # pyright: ignore[reportUnknownVariableType] - JSON
@@ -78,7 +78,7 @@ def test_the_calls_of_an_example_are_written_in_the_protocol_of_the_prompt(examp
 
 @pytest.mark.parametrize("example", EXAMPLES)
 def test_every_calculation_in_the_reasoning_is_right(example: PromptExample) -> None:
-    """Each `a / b = c`, `2 · a / b = c` and `√(a² + b²) = c`, to the digits shown."""
+    """Checks each `a / b = c`, `2 · a / b = c` and `√(a² + b²) = c`, to the digits shown."""
     checked = 0
     for written, result in re.findall(
         r"(√\([^)]*\)|[\d.]+(?: [·/] [\d.]+)+) = ([\d.]+\d)", shown(example, as_json=False)

@@ -1,4 +1,4 @@
-"""Frames (`--observations rgb`): off by default, valid pictures, and only what the agent may see in them."""
+"""Tests of frames (`--observations rgb`): off by default, valid images, and only visible bodies in them."""
 
 import base64
 import os
@@ -127,7 +127,7 @@ def test_a_hidden_body_shows_once_it_is_found(painter: Painter) -> None:
 
 
 def given(session: Session, *variants: str) -> str:
-    """The model that the painter receives."""
+    """Return the model that the rendering process receives."""
     return picture_model(bodies_of(session, visibility_of(session.scene, variants).now(session)))
 
 
@@ -180,7 +180,7 @@ def test_what_the_seed_changes_is_not_shown(pack: dict[str, Any], xml: str, writ
 
 
 def nudged(session: Session, shift: float) -> None:
-    """Move every joint by a little, without a call: to another state of the same moment."""
+    """Move every joint by a small amount without a call, which gives another state at the same time."""
     saved = session.world.save()
     state = saved.state.copy()
     state[1 : 1 + saved.model.nq] += shift * np.random.default_rng(0).uniform(-1, 1, saved.model.nq)
@@ -188,7 +188,7 @@ def nudged(session: Session, shift: float) -> None:
 
 
 def read(session: Session) -> list[Any]:
-    """What the agent may read of where things are, as `get_position` and `describe` give it."""
+    """Return the positions and orientations that the agent may read, by `get_position` and `describe`."""
     places = [session.world.pose(item.body) for item in session.known()]
     return [[session.world.time, place.position.tolist(), place.quaternion.tolist()] for place in places]
 
@@ -243,7 +243,7 @@ def test_every_object_is_drawn_where_it_is_read_and_the_rest_stays_as_it_was(sce
 
 
 def pictured(session: Session) -> dict[str, tuple[list[float], list[str]]]:
-    """Body → its pose and its shapes in its own frame, as the painter receives them."""
+    """Return body → its pose and its shapes in its own frame, as the rendering process receives them."""
     model = given(session)
     found: dict[str, tuple[list[float], list[str]]] = {}
     for body in ET.fromstring(model).iter("body") if model else ():

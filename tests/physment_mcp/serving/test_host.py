@@ -1,4 +1,4 @@
-"""Many episodes over HTTP, each with its own address, for every kind of client."""
+"""Tests of many episodes over HTTP, each with its own address, for every kind of client."""
 
 import contextlib
 import gc

@@ -1,4 +1,4 @@
-"""Who may do what on a host: tokens, host names, pages of other sites, episodes that are gone, links to other files."""
+"""Tests of access to a host: tokens, host names, pages of other sites, closed episodes, links to other files."""
 
 import contextlib
 from collections.abc import AsyncGenerator, Callable
@@ -32,7 +32,7 @@ STRANGERS: tuple[dict[str, str], ...] = (
 
 @pytest.fixture
 def inside(write_pack: WritePack, pack: dict[str, Any], xml: str) -> Callable[..., Any]:
-    """A host in this process, spoken to without sockets."""
+    """Start a host in this process, and connect to it without sockets."""
     folder = write_pack(pack, xml)
 
     @contextlib.asynccontextmanager

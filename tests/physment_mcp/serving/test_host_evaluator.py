@@ -1,4 +1,4 @@
-"""The evaluator with a host that requires a token, and with a host that loses its episode."""
+"""Tests of the evaluator with a host that requires a token, and with a host that loses its episode."""
 
 import json
 import subprocess

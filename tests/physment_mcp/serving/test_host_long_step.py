@@ -1,4 +1,4 @@
-"""A long step over HTTP: its progress is reported; a step that is cancelled, or whose client left, changes nothing."""
+"""Tests of long steps over HTTP: progress is reported; a step whose client cancels or disconnects changes nothing."""
 
 import json
 from typing import Any
@@ -18,7 +18,7 @@ async def opened(host_url: str, scene: int = 7) -> str:
 
 
 async def clock(client: Client) -> float:
-    """The simulation clock, after the running call has ended."""
+    """Return the simulated time after the running call has ended."""
     seen = await client.call_tool("quat_to_rot_matrix", {"q": [1, 0, 0, 0]})
     assert seen.structured_content is not None
     return seen.structured_content["sim_time"]

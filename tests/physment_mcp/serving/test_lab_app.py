@@ -1,4 +1,4 @@
-"""The laboratory in the chat: offered to clients that declare apps, and to nobody else."""
+"""Tests of the chat app: it is offered only to clients that declare apps."""
 
 import json
 import re
@@ -47,7 +47,7 @@ def slot(pack: dict[str, Any], xml: str, write_pack: WritePack) -> OpenSlot:
 
 
 async def said(client: Client) -> list[str]:
-    """All that a client gets from a server, as it comes."""
+    """Return everything that a client receives from a server, serialised."""
     lists = [await client.list_tools(), await client.list_resources(), await client.list_prompts()]
     results = [await client.call_tool(tool, arguments) for tool, arguments in CALLS]
     return [part.model_dump_json(by_alias=True) for part in (*lists, *results)]

@@ -1,4 +1,4 @@
-"""A body that is no JSON-RPC message gets one short sentence; every message passes."""
+"""Tests that a body that is not a JSON-RPC message gets one short sentence, and every message passes."""
 
 import json
 

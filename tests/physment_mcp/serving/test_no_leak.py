@@ -1,4 +1,4 @@
-"""Nothing private is published: canaries are planted in a pack and searched for in everything that is published.
+"""Tests for leaks: canaries are planted in a pack and searched for in everything that is published.
 
 Where a private value could leak in another form, two packs that differ only in this value must publish the same.
 """
@@ -107,7 +107,9 @@ def canary_pack() -> dict[str, Any]:
 
 
 def every_call() -> list[tuple[str, dict[str, Any]]]:
-    """Every tool on every object, unknown, hidden and masked ones too, with arguments that move nothing."""
+    """Yield every tool with every object, including unknown, hidden and masked ones, and arguments that move
+    nothing.
+    """
     calls: list[tuple[str, dict[str, Any]]] = [("get_center_of_mass", {}), ("quat_to_rot_matrix", {"q": [1, 1, 0, 0]})]
     for object_id in [*IDS, "ghost", "stowaway", "world", "object_77"]:
         alone = {"object_id": object_id}
@@ -146,7 +148,7 @@ def every_call() -> list[tuple[str, dict[str, Any]]]:
 
 
 async def published(lab: Any) -> list[str]:
-    """Everything that an agent can obtain without letting time pass, call by call."""
+    """Return everything that an agent can obtain without advancing the time, call by call."""
     client = lab.client
     texts = [client.instructions or "", (await client.list_tools()).model_dump_json()]
     texts.append((await client.list_prompts()).model_dump_json())
@@ -166,7 +168,7 @@ async def published(lab: Any) -> list[str]:
 
 
 def leaks(texts: list[str]) -> list[tuple[str, str]]:
-    """Canaries in what was published, except ids that the call itself contained."""
+    """Return the canaries in published data, except ids that the call itself contained."""
     found = []
     for text in texts:
         cleaned = re.sub(r"there is no object '[^']*'|the name '[^']*' is reserved", "", text)

@@ -1,4 +1,4 @@
-"""Two hosts behind nginx, with the configuration of `docs/how-to/run-a-host.md`: every request reaches its episode."""
+"""Tests two hosts behind nginx, with the configuration of `docs/how-to/run-a-host.md`: requests reach their episode."""
 
 import json
 import re

@@ -1,4 +1,4 @@
-"""The requests of one episode are served one after another, but none waits long for one that takes long."""
+"""Tests of the scheduler: requests of an episode run in turn, and none waits long for a slow one."""
 
 import math
 from types import SimpleNamespace
@@ -151,7 +151,7 @@ async def test_pieces_are_as_long_as_usual_again_when_others_have_made_no_reques
 
 
 class WatchedTraffic(Scheduler):
-    """Counts how often somebody waits for others."""
+    """A scheduler that counts waits for other episodes."""
 
     waits = 0
 

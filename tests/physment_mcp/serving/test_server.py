@@ -1,4 +1,4 @@
-"""The server besides its tools: instructions, prompt, resources, completion, idle start, progress, cancellation."""
+"""Tests of the server apart from tools: instructions, prompt, resources, completion, progress, cancellation."""
 
 import base64
 import json

@@ -1,4 +1,4 @@
-"""Episodes of the program that started the host, each on a socket of its own."""
+"""Tests of episodes over sockets, for the program that started the host."""
 
 import contextlib
 import gc
@@ -25,7 +25,7 @@ REQUEST = b'{"scene": 7}\n'
 
 
 class Line:
-    """One end of a socket, whose other end the host has."""
+    """The test's end of a socket whose other end the host has."""
 
     def __init__(self, control: socket.socket) -> None:
         self.socket, theirs = socket.socketpair()
@@ -65,7 +65,7 @@ def call(number: int, tool: str, meta: Mapping[str, str] = MappingProxyType({}),
 
 @pytest.fixture
 def control() -> Generator[tuple[Callable[[], Line], socket.socket]]:
-    """Makes the lines of episodes, and the socket that tells a host of them."""
+    """Create the connections of episodes, and the control socket through which a host receives them."""
     ours, theirs = socket.socketpair()
     lines: list[Line] = []
 

@@ -1,4 +1,4 @@
-"""The command line, and an episode on stdio: protocol messages on stdout, one sentence on stderr for the operator."""
+"""Tests of the command line and of an episode on stdio: MCP on stdout, one sentence for the operator on stderr."""
 
 import json
 import subprocess

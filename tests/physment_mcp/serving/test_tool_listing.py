@@ -1,4 +1,4 @@
-"""The tools as text: every tool with all its arguments and results, their types and units."""
+"""Tests of the tools as text: every tool with all its arguments and results, their types and units."""
 
 import re
 from typing import Any
@@ -34,7 +34,7 @@ def test_types_units_and_defaults_are_told() -> None:
 
 @pytest.mark.parametrize("tool", TOOLS, ids=lambda tool: tool.name)
 def test_the_listed_result_of_a_tool_is_the_shape_of_its_result_schema(tool: Tool[Any]) -> None:
-    """Every leaf of the schema that a server publishes stands in the listing, so no result is of `any` type."""
+    """Every leaf of a published schema is in the listing, so no result has the type `any`."""
     listing = tool_listing([tool])
     assert not re.search(r"\bany\b(?=[`\]},]| or )", listing)
     schema = tool.output_schema()

@@ -1,4 +1,4 @@
-"""The variants of a scene that are compared to find what depends on the seed; needs no renderer."""
+"""Tests of the variants that are compared to find what depends on the seed; need no renderer."""
 
 from pathlib import Path
 

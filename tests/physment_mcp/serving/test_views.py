@@ -1,4 +1,4 @@
-"""Views: where things are and how they moved, nothing that may not be seen, and no trace in the dynamics."""
+"""Tests of views: poses and motion, only visible bodies, and no effect on the dynamics."""
 
 import json
 from itertools import pairwise

@@ -1,4 +1,4 @@
-"""Calls that are too large are refused with one sentence, before their arguments are looked at, and change nothing."""
+"""Tests that oversized calls are refused with one sentence before their arguments are read, and change nothing."""
 
 from typing import Any
 

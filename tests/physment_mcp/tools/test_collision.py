@@ -1,4 +1,4 @@
-"""Contacts and elastic collisions: momentum and energy are conserved, through joints and at walls too."""
+"""Tests of contacts and elastic collisions: momentum and energy are conserved, also through joints and at walls."""
 
 import math
 from typing import Any

@@ -1,4 +1,4 @@
-"""Every tool through an MCP client: what it returns, what it refuses, and that a refusal changes nothing."""
+"""Tests of every tool through an MCP client: results, refusals, and that a refusal changes nothing."""
 
 import json
 import math

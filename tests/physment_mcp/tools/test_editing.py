@@ -1,4 +1,4 @@
-"""Creating, deleting, revealing and attaching: the edit is made, and everything else keeps its state."""
+"""Tests of creating, deleting, revealing and attaching: the edit is made, and everything else keeps its state."""
 
 import math
 from typing import Any
@@ -198,7 +198,7 @@ async def test_a_find_that_is_rolled_back_leaves_hidden_objects_transparent() ->
 
 
 def shown(lab: Bench, body: str) -> list[ShownPart]:
-    """What is drawn of this body; nothing if it is transparent."""
+    """Return the geoms of this body that are drawn; none if it is transparent."""
     return lab.session.world.shown_parts({body: "body"}, {(body, 0)}, {}).get(body, [])
 
 

@@ -1,4 +1,4 @@
-"""Motion, compared with closed forms: falling, swinging, spinning, rolling, Atwood's machine; velocity, acceleration.
+"""Tests of motion against closed forms: falling, swinging, spinning, rolling, Atwood's machine.
 
 Tolerances follow from the time step Δt. Under a constant force the engine's RK4 is exact up to rounding; oscillations
 are accurate to order Δt⁴; motion with contacts depends on the softness of the contacts.

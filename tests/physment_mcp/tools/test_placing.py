@@ -1,4 +1,4 @@
-"""Placing objects, and their shapes: positions, displacements, bounding boxes, rotation matrices."""
+"""Tests of placing objects and of their shapes: positions, displacements, bounding boxes, rotation matrices."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""What a refusal to put a body somewhere tells: no more than readings at the stated resolution."""
+"""Tests that a refusal to place a body reveals no more than readings at the stated resolution."""
 
 from collections.abc import Callable
 from typing import Any
@@ -29,7 +29,7 @@ FINEST = 1.5e-7
 
 
 def largest_radius(world: World, centre: Any, low: float = 0.0, high: float = 2.0) -> float:
-    """The largest radius of a ball that can be created there, found as an agent finds it: by refusals."""
+    """Find the largest ball that can be created at a position, by refusals, as an agent could."""
     saved = world.save()
     while high - low > FINEST:
         radius = (low + high) / 2
@@ -43,7 +43,7 @@ def largest_radius(world: World, centre: Any, low: float = 0.0, high: float = 2.
 
 
 def lifted(scene: int, height: float) -> World:
-    """The world of a scene whose object_1 is at another height."""
+    """Return the world of a scene with object_1 at another height."""
     world = Session(load_scene(scene, 1)).world
     joint = world._model.joint("object_1_joint")
     data = world._live()
@@ -94,7 +94,9 @@ def test_bisecting_the_radius_of_a_refused_ball_finds_a_place_no_finer_than_it_i
 def test_what_no_instrument_reads_is_found_no_finer_than_a_tenth_of_a_millimetre(
     bodies: Callable[[float], str], centre: tuple[float, float, float]
 ) -> None:
-    """Without instruments too: 3 shifts of 0.03 mm are told apart only where a multiple of the step is between them."""
+    """The scene has no instruments; of 3 shifts by 0.03 mm, only those across a multiple of the step are
+    distinguished.
+    """
     middle = largest_radius(World(model(bodies(0.0))), centre)
     radii = [
         largest_radius(World(model(bodies(cells * FLOOR))), centre, middle - 20 * FLOOR, middle + 20 * FLOOR)
@@ -105,7 +107,7 @@ def test_what_no_instrument_reads_is_found_no_finer_than_a_tenth_of_a_millimetre
 
 
 def test_a_refused_move_tells_a_place_no_finer_than_it_is_read() -> None:
-    """At places around a ball, whose distances lie closer together than the resolution."""
+    """Tries positions around a ball whose distances differ by less than the resolution."""
 
     def refused(place: float) -> list[bool]:
         resolution = Readout({"position": Fineness(0.001)})

@@ -1,4 +1,4 @@
-"""What `world/` asks of the engine holds on the installed version."""
+"""Tests that the installed version of MuJoCo has the properties that `world/` needs."""
 
 import mujoco
 import pytest
@@ -61,7 +61,7 @@ def test_passive_forces_act_unless_they_are_switched_off(flags: str) -> None:
 
 
 def test_the_engine_agrees_about_passive_forces() -> None:
-    """With gravity compensated, which is a passive force, nothing accelerates as long as passive forces act."""
+    """Gravity compensation is a passive force: while passive forces act, nothing accelerates."""
     for flags, falls in (("", False), (no_passive_forces(), True)):
         spec = arm(flags)
         spec.body("ball").gravcomp = 1

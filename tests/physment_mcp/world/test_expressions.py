@@ -1,4 +1,4 @@
-"""Expressions of laws: their values, and everything that they may not contain."""
+"""Tests of expressions of laws: their values, and everything that they may not contain."""
 
 import contextlib
 import gc
@@ -155,7 +155,7 @@ def test_a_root_of_a_negative_number_is_no_complex_number() -> None:
 
 
 class _Leaves:
-    """Lets another thread go on when it is freed, which may happen in the middle of parsing."""
+    """An object that lets another thread run when it is freed, possibly in the middle of parsing."""
 
     def __init__(self) -> None:
         self.itself = self

@@ -1,4 +1,4 @@
-"""Laws: forces as expressions, against closed forms; when they act, when they cease, what is refused."""
+"""Tests of laws: forces against closed forms, when they act, when they end, and refusals."""
 
 import gc
 import json
@@ -66,7 +66,7 @@ def test_drag_in_proportion_to_the_velocity_makes_it_decay_exponentially() -> No
 
 
 def test_a_body_without_mass_is_where_its_frame_is() -> None:
-    """MuJoCo's own centre of mass of such a body is twice as far out."""
+    """MuJoCo's own centre of mass of such a body is twice as far from the origin."""
     far = {"on": "cart", "with": {"mark": "mark"}, "force": ["mark_x", "mark_y", "0"]}
     world = run(World(model(CART + '<body name="mark" pos="0.2 0.7 0"/>', far)), 1.0)
     assert world.twist("cart").linear[0] == pytest.approx(0.2 / 2, rel=1e-9)
@@ -170,7 +170,7 @@ def test_several_laws_add_to_each_other_and_to_the_joints_own_forces() -> None:
 
 
 def test_the_error_of_runge_kutta_falls_as_the_fourth_power_of_the_time_step() -> None:
-    """Only if every stage has its own force, at its own time, is the order four."""
+    """The order is four only if the force is evaluated in every stage, at the stage's time."""
     law = {"on": "cart", "force": ["-8*x + 3*sin(2*t)", "0", "0"]}
     errors: list[float] = []
     for dt in (0.02, 0.01, 0.005):
@@ -291,7 +291,7 @@ def test_laws_may_use_the_same_names_for_different_things() -> None:
 
 @pytest.mark.parametrize("damping", ["", 'damping="0.3"'])
 def test_laws_of_one_body_add_up_as_one_law_does(damping: str) -> None:
-    """Forces on a body that only slides are added before the engine gets them."""
+    """Forces on a body with slide joints only are added before they are applied."""
     pucks = PUCK.format(1, 0).replace("<joint", f"<joint {damping}") + PUCK.format(-1, 1).replace('"puck"', '"other"')
     parts = ["-0.7*x", "-0.3*vx**3", "0.11*sin(3*t)"]
     laws = [{"on": "puck", "with": {"o": "other"}, "force": [part, "0.2*o_y", "0"], "reaction": "o"} for part in parts]
@@ -314,7 +314,7 @@ def test_a_law_with_factor_0_does_nothing_whatever_it_acts_on() -> None:
 
 
 def test_a_law_costs_the_same_arithmetic_whatever_was_drawn() -> None:
-    """The time that a step takes would tell otherwise which laws were drawn: the same instructions for every draw."""
+    """Otherwise the duration of a step would reveal which laws were drawn; the instructions are compared."""
 
     def code(k: float, factor: float) -> tuple[bytes, tuple[object, ...]]:
         law = {"on": "cart", "constants": {"k": k}, "force": ["-k*vx if k else 2*k", "k**2", "0"], "factor": factor}
@@ -349,7 +349,7 @@ def test_worlds_with_different_laws_in_threads_run_as_each_alone_does() -> None:
 
 
 def test_worlds_with_laws_come_and_go_while_another_one_runs() -> None:
-    """MuJoCo's own Python callback fails here: a step ends in an error when the callback is removed meanwhile."""
+    """MuJoCo's Python callback fails here: removing it during a step raises an error in that step."""
 
     def come_and_go() -> None:
         for _ in range(100):
@@ -427,7 +427,7 @@ def test_an_error_of_the_engine_in_a_step_with_laws_is_a_refusal_and_not_the_end
 
 
 def test_the_engine_calls_us_only_while_a_world_with_laws_lives() -> None:
-    """In a process of its own, because worlds of other tests may live in this one."""
+    """Runs in its own process, because worlds of other tests may exist in this one."""
     worlds = [model(PAIR), model(PAIR, BOND), model(CART, {"on": "cart", "force": ["1/x", "0", "0"]})]
     subprocess.run([sys.executable, "-c", CALLBACK, *worlds], check=True)
 

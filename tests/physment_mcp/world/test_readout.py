@@ -1,4 +1,4 @@
-"""Resolution and noise of instruments: they apply once, to the state that is read, before anything is derived."""
+"""Tests of resolution and noise: they are applied once, to the state that is read, before anything is derived."""
 
 import math
 from typing import Any
@@ -142,7 +142,7 @@ def rotation(quaternion: Any) -> Rotation:
 
 
 async def test_orientation_and_joint_angle_of_one_body_have_the_same_noise() -> None:
-    """The mean of the two would have less noise otherwise. They differ in second order of the noise."""
+    """Otherwise the mean of the two would have less noise. They differ in second order of the noise."""
     lab = bench(PENDULUM, noise={"angle": 0.001})
     world = lab.session.world
     errors: list[float] = []
@@ -195,7 +195,7 @@ async def test_a_contact_is_read_the_same_whichever_object_is_named_first() -> N
 
 
 async def test_a_contact_tells_no_more_of_a_body_than_the_readings_of_that_body() -> None:
-    """Its noise contains that of both bodies, so nothing is gained by the mean, and not all of it cancels."""
+    """Its noise contains that of both bodies, so averaging with their readings gains nothing."""
     readout = Readout({"position": Fineness(0, 0.02)}, "7")
     world = World(f"<mujoco>{HEAD}<worldbody>{TOUCHING}</worldbody></mujoco>", readout=readout)
     exact = World(f"<mujoco>{HEAD}<worldbody>{TOUCHING}</worldbody></mujoco>")
@@ -222,7 +222,7 @@ TOUCHING = """
 
 
 async def contact_of(first: int, second: int, **instruments: Any) -> dict[str, Any]:
-    """What `detect_collision` reads of two balls that touch."""
+    """Return the reading of `detect_collision` for two balls that touch."""
     things = tuple(PublicObject(object_id=f"object_{n}", name="thing", permissions=ALL) for n in (1, 2))
     public = public_pack(things).model_copy(update={"instruments": Instruments.model_validate(instruments)})
     lab = Bench(Session(Scene(public, f"<mujoco>{HEAD}<worldbody>{TOUCHING}</worldbody></mujoco>")))

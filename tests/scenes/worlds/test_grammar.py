@@ -1,4 +1,4 @@
-"""Every part of the grammar gives the same motion in the engine and in numpy, and stands in a structure as it says."""
+"""Tests that every part of the grammar gives the same motion in the engine and in numpy."""
 
 import random
 
@@ -31,7 +31,7 @@ def record_of(structure: Structure, questions: tuple[Question, ...] = (), seed: 
 
 
 def apparatus_of(form: Form) -> Apparatus:
-    """A apparatus that has a form."""
+    """Return an apparatus that supports a form."""
     return next(
         apparatus
         for apparatus in (Apparatus.PUCK, Apparatus.PAIR, Apparatus.WHEEL, Apparatus.GLIDER)
@@ -40,7 +40,7 @@ def apparatus_of(form: Form) -> Apparatus:
 
 
 def with_brake(form: Form, names: tuple[str, ...] = (), apparatus: Apparatus | None = None) -> Structure:
-    """A structure of a form, and of a brake if it is none."""
+    """Return a structure with a form, and with a brake unless the form is one."""
     apparatus = apparatus or apparatus_of(form)
     brake = () if form.group == "drag" else (Term(BRAKES[apparatus.flat]),)
     return Structure(apparatus, (Term(form.name, names), *brake))

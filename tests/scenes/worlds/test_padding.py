@@ -1,4 +1,4 @@
-"""Worlds of a level differ in nothing that takes time, and what makes them alike does nothing."""
+"""Tests that worlds of a level take the same time per step, and that padding has no effect on motion."""
 
 import json
 import random
@@ -19,7 +19,7 @@ EACH = [(level, apparatus) for level in LEVELS for apparatus in difficulty_of(le
 
 
 def drawn_record(level: int, apparatus: Apparatus, rng: random.Random) -> WorldRecord:
-    """A record with a drawn structure, which nothing was tested of."""
+    """Return a record with a drawn structure that passed no acceptance test."""
     structure = draw_structure(difficulty_of(level).changed(apparatuses=(apparatus,)), rng)
     return WorldRecord(
         grammar=GRAMMAR, level=level, index=0, split="train", salt="s", apparatus=apparatus,
@@ -29,7 +29,7 @@ def drawn_record(level: int, apparatus: Apparatus, rng: random.Random) -> WorldR
 
 
 def counts(mjcf: str) -> tuple[int, ...]:
-    """Laws, bodies, joints, calls of functions, operations, and what is read of bodies."""
+    """Count laws, bodies, joints, function calls, operations, and readings of bodies."""
     spec = mujoco.MjSpec.from_string(mjcf)
     laws: list[dict[str, Any]] = json.loads(next(text.data for text in spec.texts if text.name == "laws"))
     texts = [text for law in laws for name in ("force", "torque") for text in law.get(name, ())]

@@ -1,4 +1,4 @@
-"""Questions for a distance, a least force and a term that acts: against closed forms and the engine, and in words."""
+"""Tests of questions for a distance, a smallest force and an acting term: closed forms, the engine, and wording."""
 
 import math
 import random
@@ -26,7 +26,7 @@ DRAG = (Term("linear drag"),)
 
 
 def record_of(structure: Structure, constants: dict[str, float], questions: tuple[Question, ...]) -> WorldRecord:
-    """A record that nothing was tested of."""
+    """Return a record that passed no acceptance test."""
     return WorldRecord(
         grammar=GRAMMAR, level=5, index=0, split="train", salt="s", apparatus=structure.apparatus,
         terms=tuple((term.form, term.modulations) for term in structure.terms), constants=constants,
@@ -39,7 +39,7 @@ def told(apparatus: Apparatus, looks: int = 40) -> Situation:
 
 
 def least(way: tuple[float, ...], size: float, lasting: float = 2.0) -> Question:
-    """A question for the least force on one body."""
+    """Return a question for the smallest force on one body."""
     nothing = (0.0,) * len(way)
     return Question("push", nothing, nothing, way, 0.0, lasting, "push", size=size)
 

@@ -1,4 +1,4 @@
-"""Certificate "determined": a rival is found where readings are few, and none where they are many."""
+"""Tests of the certificate "determined": few readings leave a rival, and many leave none."""
 
 import random
 

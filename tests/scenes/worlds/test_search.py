@@ -1,4 +1,4 @@
-"""The reference that knows the grammar alone reads its task from the prompt, finds terms, and predicts."""
+"""Tests of the reference that knows only the grammar: it parses the prompt, finds terms, and predicts."""
 
 import random
 from dataclasses import replace
@@ -43,7 +43,7 @@ def told_of(structure: Structure, looks: int = 40, noise: float = 0.002) -> Situ
 
 
 def questions(apparatus: Apparatus) -> tuple[Question, ...]:
-    """Questions of each text of a prompt."""
+    """Return questions with each text that a prompt can contain."""
     size = 4 if apparatus is Apparatus.PAIR else 2 if apparatus is Apparatus.PUCK else 1
     whats = ("dx", "vy", "speed") if size > 1 else ("dq", "u", "u")
     still, moving = (0.0,) * size, (1.5, -0.25, 0.0, 0.0)[:size]

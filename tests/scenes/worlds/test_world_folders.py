@@ -1,4 +1,4 @@
-"""Folders of worlds: found by reference and split, published, and said what is wrong with them."""
+"""Tests of folders of worlds: lookup by reference and split, publishing, and errors."""
 
 import errno
 import json
@@ -35,7 +35,7 @@ KEY = "5a" * 32
 
 @pytest.fixture(scope="module")
 def worlds(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Three worlds of level 1, two of which are neighbours."""
+    """Three worlds of level 1, two of which have adjacent indexes."""
     return write_worlds(tmp_path_factory.mktemp("worlds"), (0, 1, 6))
 
 

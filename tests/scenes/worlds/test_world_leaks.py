@@ -1,4 +1,4 @@
-"""What is exported of a world, what a laboratory keeps in memory and what it tells hold no key and no terms."""
+"""Tests that exports, the memory of a laboratory, and its replies contain no key and no terms of a world."""
 
 import gc
 import random
@@ -30,7 +30,7 @@ NAMES = ("linear drag", "responder", "wake", "wear")
 
 
 def _made(seed: int) -> tuple[WorldRecord, Certificate]:
-    """The same world with the constants of a seed."""
+    """Return the same world with the constants of a seed."""
     told = Situation(Apparatus.PUCK, 6.0, 5.0, 12, 0.002)
     constants = draw_constants(STRUCTURE, random.Random(seed))
     questions = tuple(Question("strong", (1.0, y), (0.0, 0.0), (9.0, 0.0), 0.0, 1.5, "dx") for y in (0.5, 1.0, 1.5))
@@ -90,7 +90,7 @@ def test_other_users_read_no_kept_pack(exported: Path, tmp_path: Path) -> None:
 
 
 def _reachable(start: object) -> tuple[set[str], set[float]]:
-    """Texts and numbers that an object refers to, directly or not; code and modules are left out."""
+    """Return texts and numbers that an object refers to, directly or indirectly, except code and modules."""
     seen, waiting = set[int](), [start]
     texts, numbers = set[str](), set[float]()
     while waiting:

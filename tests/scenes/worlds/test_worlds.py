@@ -1,4 +1,4 @@
-"""Worlds are made, kept, opened and proved: the same on every machine, and without a key for a laboratory."""
+"""Tests of worlds: made, cached, opened and verified, the same on every machine, and without a key in a laboratory."""
 
 import json
 import random

@@ -1,4 +1,4 @@
-"""Writes the log of the episode into a file, in the container of the laboratory, after the agent's has been stopped.
+"""Writes the call log of the episode to a file, in the laboratory's container, after the agent's container stopped.
 
 collect.py FILE
 """

@@ -1,4 +1,4 @@
-"""PhysMent's laboratory for NeMo Gym: a session is an episode, a tool an endpoint, the reward a referee's."""
+"""PhysMent for NeMo Gym: a session is an episode, each tool is an endpoint, and a referee gives the reward."""
 
 from importlib.metadata import version
 

@@ -1,4 +1,4 @@
-"""The resources server: `seed_session` opens an episode, a tool is an endpoint, `verify` asks for the reward.
+"""The resources server: `seed_session` opens an episode, each tool is an endpoint, `verify` requests the reward.
 
 A row of a dataset names its episode in `verifier_metadata`: `{"scene": 7, "seed": 3}`, or
 `{"split": "train", "index": 0}` for an index in a split. `dataset.py` writes such rows.
@@ -36,7 +36,7 @@ _SESSIONS = 1000
 
 
 class PhysmentVariant(BaseModel):
-    """Which episode a row is about."""
+    """The variant of a row."""
 
     scene: int | None = None
     seed: int | None = None
@@ -93,7 +93,7 @@ class PhysmentResourcesServer(SimpleResourcesServer):
     _connections: set[asyncio.Task[None]] = PrivateAttr(default_factory=set)
 
     def setup_webserver(self) -> FastAPI:
-        """The endpoints of NeMo Gym, and one for every tool."""
+        """Return the application with the endpoints of NeMo Gym, and one for every tool."""
         app = super().setup_webserver()
         app.post("/{tool}")(self.call)
         return app
@@ -111,7 +111,7 @@ class PhysmentResourcesServer(SimpleResourcesServer):
         return BaseSeedSessionResponse()
 
     async def call(self, tool: str, request: Request) -> PlainTextResponse:
-        """Call a tool of the session's episode; the model reads the text of the result or of the refusal."""
+        """Call a tool of the session's episode; returns the text of the result or of the refusal."""
         player = self._players.get(request.session[SESSION_ID_KEY])
         if player is None:
             raise HTTPException(409, "no episode is open in this session: POST /seed_session first")
@@ -153,7 +153,7 @@ class PhysmentResourcesServer(SimpleResourcesServer):
         )
 
     async def _connect(self, opened: OpenedEpisode) -> _Player:
-        """A connection to an episode, opened and closed in one asyncio task, as its cancel scope requires."""
+        """Hold a connection to an episode. Opened and closed in one task, as its cancel scope requires."""
         ready: asyncio.Future[ClientSession] = asyncio.get_running_loop().create_future()
         ended = asyncio.Event()
         headers = {"Authorization": f"Bearer {opened.player_token}"}

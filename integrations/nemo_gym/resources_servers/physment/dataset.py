@@ -14,11 +14,11 @@ from physment_referee import OpenedEpisode, Referee, RefereeError, read_variants
 
 
 def row(opened: OpenedEpisode, variant: dict[str, Any]) -> dict[str, Any]:
-    """A row of a dataset of NeMo Gym.
+    """Return a row of a NeMo Gym dataset.
 
     Args:
         opened: An episode of this variant.
-        variant: The requested variant. A drawn index is written into the row, so that it stays the same.
+        variant: The requested variant. A random index is replaced by the drawn one, so that the row is reproducible.
     """
     tools = [
         {

@@ -1,4 +1,4 @@
-"""The host that all tests share, and programs that play on it as external agents."""
+"""A shared host, and programs that play on it as external agents."""
 
 import sys
 from collections.abc import Callable
@@ -32,7 +32,7 @@ def host(host_url: str) -> HostConnector:
 
 @pytest.fixture
 def program(tmp_path: Path) -> Callable[..., list[str]]:
-    """The words of a Python program; its first argument is the MCP configuration, its second the prompt."""
+    """Return the command of a Python program; its first argument is the MCP configuration, its second the prompt."""
 
     def write(source: str, *words: str) -> list[str]:
         file = tmp_path / "program.py"
@@ -44,7 +44,7 @@ def program(tmp_path: Path) -> Callable[..., list[str]]:
 
 @pytest.fixture
 def client(program: Callable[..., list[str]]) -> Callable[..., list[str]]:
-    """The words of a program that opens an MCP client and runs the given lines."""
+    """Return the command of a program that opens an MCP client and runs the given lines."""
 
     def write(body: str, *words: str) -> list[str]:
         indented = "\n".join(f"        {line}" for line in body.strip().splitlines())

@@ -1,4 +1,4 @@
-"""The agent that writes code, as the guide shows it: it solves its scene, and its code is in the record."""
+"""Tests of the guide on agents that write code: the agent solves its scene, and its code is recorded."""
 
 import re
 import subprocess

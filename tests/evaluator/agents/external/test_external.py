@@ -1,4 +1,4 @@
-"""Programs that play by themselves: real MCP clients, and programs that crash, hang, make too many calls or snoop."""
+"""Tests of external programs: real MCP clients, and programs that crash, hang, make too many calls or spy."""
 
 import json
 import os

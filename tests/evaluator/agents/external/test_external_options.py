@@ -1,4 +1,4 @@
-"""The command line of an external agent: its words are passed on unchanged."""
+"""Tests that the command line of an external agent is passed on unchanged."""
 
 import argparse
 import sys
@@ -14,7 +14,7 @@ from evaluator.study.participants import participants_of
 
 
 def parsed(*words: str) -> argparse.Namespace:
-    """The arguments, parsed as `physment-eval run` parses them: below a sub-command."""
+    """Parse the arguments as `physment-eval run` does: below a sub-command."""
     parser = Parser()
     add_options(parser.add_subparsers().add_parser("run"))
     return parser.parse_args(["run", "--server", "host", *words])

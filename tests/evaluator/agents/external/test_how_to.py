@@ -1,4 +1,4 @@
-"""The pages on external agents and on playing are correct."""
+"""Tests of the how-to pages on external agents and on playing."""
 
 import re
 import shlex

@@ -1,4 +1,4 @@
-"""However the evaluator ends, its external programs, their children, its host and its folders end with it."""
+"""Tests that external programs, their children, the host and the folders do not outlive the evaluator."""
 
 import json
 import os

@@ -1,4 +1,4 @@
-"""Sealed programs cannot find, play or disturb each other's episodes."""
+"""Tests that isolated programs cannot find, play or disturb each other's episodes."""
 
 import json
 import os

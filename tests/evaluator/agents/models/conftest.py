@@ -1,4 +1,4 @@
-"""Providers on loopback, on one server for all tests."""
+"""Model providers on loopback, on one server for all tests."""
 
 import contextlib
 import itertools

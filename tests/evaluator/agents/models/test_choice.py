@@ -1,4 +1,4 @@
-"""Which model `model:…` names, what would be sent to it, and what is missing to ask it."""
+"""Tests of `model:…`: the selected model, the settings of its requests, and what is missing to use it."""
 
 import json
 import subprocess

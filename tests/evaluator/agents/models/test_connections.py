@@ -1,4 +1,4 @@
-"""A run leaves no connection to a provider open, however its agents are wrapped."""
+"""Tests that a run closes all connections to providers, even if its agents are wrapped."""
 
 import subprocess
 import sys

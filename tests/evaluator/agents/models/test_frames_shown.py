@@ -1,4 +1,4 @@
-"""What a model is shown of the pictures that results carry, in the wire format of each provider."""
+"""Tests of the images that a model receives with results, in the wire format of each provider."""
 
 import base64
 import json

@@ -1,4 +1,4 @@
-"""The pages on studies are correct: their files and commands, played against a server on loopback."""
+"""Tests of the pages on studies: their files and commands, run against a server on loopback."""
 
 import os
 import re

@@ -1,4 +1,4 @@
-"""A study of a model that is killed twice during its requests ends with the results of an undisturbed study."""
+"""Tests that a study of a model, killed twice during its requests, ends with the results of an undisturbed one."""
 
 import json
 import os
@@ -21,7 +21,7 @@ WORDS = ("--scenes", ",".join(map(str, SCENES)), "--budgets", "2,5", "--concurre
 
 
 class Physicist:
-    """A model without memory: lets time pass, looks, then answers with the speed it read. Signals a chosen request."""
+    """A stateless model that steps, reads, and answers with the speed it read. Signals a chosen request."""
 
     def __init__(self) -> None:
         self._asked = 0
@@ -29,7 +29,7 @@ class Physicist:
         self.called = threading.Event()
 
     def call_out(self, after: int) -> None:
-        """Set `called` after this many more requests."""
+        """Set the event `called` after this many more requests."""
         self.called.clear()
         self._call_at = self._asked + after
 

@@ -1,4 +1,4 @@
-"""Whole episodes with real provider clients, against servers on loopback that speak their wire formats."""
+"""Tests of whole episodes with real provider clients, against loopback servers that implement their wire formats."""
 
 import json
 from typing import Any
@@ -79,7 +79,7 @@ async def test_tool_schemas_are_sent_as_the_server_published_them(openai: Servic
 
 
 def untitled(value: Any) -> Any:
-    """A schema without titles. They repeat the names, and clients leave them out."""
+    """Return a schema without titles, which repeat the names and which clients omit."""
     if isinstance(value, dict):
         return {name: untitled(part) for name, part in value.items() if not (name == "title" and isinstance(part, str))}
     return [untitled(part) for part in value] if isinstance(value, list) else value
@@ -100,7 +100,7 @@ async def test_each_call_gets_its_own_return_even_if_it_was_not_run(service: Ser
 
 
 def errors_marked(body: dict[str, Any]) -> list[bool]:
-    """Which returns are marked as errors, in formats that can mark them."""
+    """Return which results are marked as errors, in formats that can mark them."""
     if "contents" in body:
         parts = [part for content in body["contents"] for part in content["parts"]]
         return ["error" in part["functionResponse"]["response"] for part in parts if "functionResponse" in part]

@@ -1,4 +1,4 @@
-"""Failures of a provider, as its real client sees them, and what follows. The tests control clock and pauses."""
+"""Tests of provider failures, as the real client raises them, and of their handling. The tests control the clock."""
 
 import math
 from collections.abc import AsyncIterator
@@ -37,7 +37,7 @@ def text_of(response: ModelResponse) -> str | None:
 
 @dataclass
 class Desk:
-    """Asks one provider."""
+    """Sends requests to one provider."""
 
     requests: Requests
     clock: Clock

@@ -1,4 +1,4 @@
-"""The second difference of three heights at equal time intervals gives the acceleration, at any speed."""
+"""Finds the acceleration as the second difference of three heights at equal time intervals, at any speed."""
 
 from scenes.protocol import Protocol, answer, call
 
@@ -7,7 +7,7 @@ LAPSE = 0.4
 
 
 def solve(task: str) -> Protocol:
-    """Read only heights of object_1, no velocity and no acceleration."""
+    """Read heights of object_1 only, no velocity and no acceleration."""
     height = call("get_position", object_id="object_1")
     lapse = call("step", duration=LAPSE)
     readings = yield [lapse, height, lapse, height, lapse, height]

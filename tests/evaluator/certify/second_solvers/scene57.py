@@ -1,5 +1,6 @@
-"""The push is never made: the blocks are set moving in opposite directions to measure both coefficients of friction,
-and the effect of the push is computed from them.
+"""Computes the effect of the push in question from both friction coefficients, without making that push.
+
+The blocks are set in motion in opposite directions to measure the coefficients.
 """
 
 from scenes.protocol import Protocol, answer, call

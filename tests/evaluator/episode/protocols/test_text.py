@@ -1,4 +1,4 @@
-"""The text protocol: which parts of a reply are calls or prose, and the text that the agent gets back."""
+"""Tests of the text protocol: the calls and the prose of a reply, and the text that the agent gets back."""
 
 import json
 
@@ -175,7 +175,7 @@ NATIVE_STEP = '<|tool_call_begin|> functions.step:0 <|tool_call_argument_begin|>
     ],
 )
 def test_several_sets_of_calls_run_nothing_and_the_agent_is_told(text: str, said: str) -> None:
-    """The paper tells its agents that more than one set of calls is an error of JSON syntax."""
+    """The paper's rule: more than one set of calls is an error of JSON syntax."""
     reply = parse_reply(text)
     assert said in reply.malformed
     assert "one JSON list" in reply.malformed or "a JSON list of calls is needed" in reply.malformed

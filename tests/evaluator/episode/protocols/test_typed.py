@@ -1,4 +1,4 @@
-"""Typed commands, parsed with the published tools."""
+"""Tests of typed commands, parsed with the published tools."""
 
 import json
 

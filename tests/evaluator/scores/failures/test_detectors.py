@@ -1,4 +1,4 @@
-"""The six detectors on handmade episodes: what each one reports, what it ignores, and the evidence it gives."""
+"""Tests of the six failure detectors on handmade episodes: what they report and ignore, and their evidence."""
 
 import json
 from pathlib import Path
@@ -437,7 +437,7 @@ def test_the_summary_counts_the_failures_of_an_agent_that_never_looks(tmp_path: 
 
 
 def test_the_form_of_an_answer_is_not_judged_where_another_question_was_asked() -> None:
-    """A published log may be older than the wording of its pack, which may ask for another form of answer."""
+    """A published log may be older than its pack's wording, which may ask for another form of answer."""
     key, words = number_key(), answered(*SOUND, answer="faster")
     form = expected_form(key, "How fast is the cart?\nAnswer in m/s.")
     for prompt, judged in (

@@ -1,4 +1,4 @@
-"""The detectors and the provenance links, compared with manual labels of the authors' published logs.
+"""Compares the failure detectors and the links of numbers with manual labels of the authors' published logs.
 
 `labels.json` holds only ids and labels. For an episode: agent, scene, epoch, the stratum it was sampled from, and the
 failure modes that a reader saw. For a number: agent, scene, epoch, turn, position, and whether it was read from a
@@ -139,7 +139,7 @@ def test_each_episode_is_labelled_once_and_only_with_known_modes() -> None:
 
 
 def test_the_intervals_on_the_page_follow_from_its_counts() -> None:
-    """Also without the logs: each mode has a precision and a recall, each with its Wilson interval."""
+    """Runs without the logs: each mode has a precision and a recall, each with its Wilson interval."""
     found = re.findall(r"(\d+)/(\d+) = (\d+ %) \((\d+–\d+)\)", DOC.read_text(encoding="utf-8"))
     assert len(found) == 2 * len(FailureMode)
     for part, whole, share, interval in found:
@@ -246,7 +246,7 @@ def _all_episodes(judged: dict[Id, Judged]) -> str:
 
 
 def _held_out(group: Sequence[Judged]) -> float:
-    """G′ of the episodes of one agent and budget, with the categories that the paper gives to the ids of its scenes."""
+    """Return G′ of the episodes of one agent and budget, with the paper's categories of scene ids."""
     packs = {files.scene_id: read_pack(files) for files in parse_scenes(None, None)}
     categories = {scene: pack.category.value for scene, pack in packs.items() if pack.category}
     rows = [scored(_alike(judged.episode), judged.grade, categories[judged.episode.key.scene]) for judged in group]
@@ -255,7 +255,7 @@ def _held_out(group: Sequence[Judged]) -> float:
 
 
 def _alike(episode: Episode) -> Episode:
-    """The episode under one budget: the key of a log that has a reply too many allows one more."""
+    """Return the episode under one common budget, because a log with one reply too many has a larger one."""
     return episode.model_copy(update={"key": episode.key.model_copy(update={"budget": 5})})
 
 

@@ -1,4 +1,4 @@
-"""The six traces with which the paper shows its failure modes, as records: each shows its mode."""
+"""Tests the detectors on the paper's six example traces, as records: each trace shows its failure mode."""
 
 import pytest
 
@@ -120,7 +120,7 @@ S48_EXPERIMENT = S48_READ_AFTERWARDS.model_copy(
 
 
 def latex(said: str) -> Episode:
-    """S89 with other words in its answering turn."""
+    """The paper's trace S89 with other words in its answering turn."""
     last = S89.turns[-1]
     return S89.model_copy(update={"turns": (*S89.turns[:-1], turn(said, *last.exchanges))})
 

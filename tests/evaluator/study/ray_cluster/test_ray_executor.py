@@ -1,7 +1,6 @@
-"""Episodes played by Ray workers, on a cluster of several nodes on this machine. Some nodes are killed during a run.
+"""Tests of episodes on Ray workers, on a cluster of several nodes on this machine. Some nodes are killed during a run.
 
-Ray is a large package that few need: where it is not installed these are skipped.
-`python -m tests.harness.frameworks ray` installs it and runs them.
+Skipped if Ray, a large package, is not installed.
 """
 
 import importlib
@@ -32,7 +31,7 @@ WORDS = ("--agent", "random", "--scenes", "7,21", "--seeds", "0-9", "--executor"
 
 @pytest.fixture
 def cluster() -> Iterator[Any]:
-    """A cluster whose head plays nothing. The tests add nodes."""
+    """A cluster whose head node runs no workers. The tests add nodes."""
     head = {"num_cpus": 0, "object_store_memory": STORE_BYTES, "include_dashboard": False}
     made = importlib.import_module("ray.cluster_utils").Cluster(initialize_head=True, head_node_args=head)
     try:
@@ -47,7 +46,7 @@ def add_node(cluster: Any) -> Any:
 
 @contextmanager
 def started(cluster: Any, folder: Path, *words: str, **environ: str) -> Generator[subprocess.Popen[str]]:
-    """The command on that cluster; ended in every case."""
+    """Start the command on that cluster, and end it in every case."""
     command = [sys.executable, "-m", "evaluator", *WORDS, "--out", "run", *words]
     environ = os.environ | {"RAY_ADDRESS": cluster.address} | environ
     with subprocess.Popen(

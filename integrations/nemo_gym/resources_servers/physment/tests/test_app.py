@@ -1,4 +1,4 @@
-"""The server in this process, with the referee that PHYSMENT_REFEREE_URL names."""
+"""Tests the server in this process, with the referee that PHYSMENT_REFEREE_URL names."""
 
 import os
 from collections.abc import Iterator
