@@ -1,6 +1,7 @@
 """In-process episodes that send views to their client: of the visible bodies, or of all bodies for scene authors."""
 
 import contextlib
+import functools
 from collections.abc import AsyncGenerator, Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -33,6 +34,7 @@ class _Everything(Visibility):
         return Visible(objects, self.fixtures, self.parts | made, {})
 
 
+@functools.cache
 def viewing(scenes_dir: Path | None, *, reveal: bool) -> Callable[[Scene], Visibility]:
     """Return the function that determines the visibility in scenes of a folder.
 

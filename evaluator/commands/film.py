@@ -2,8 +2,9 @@
 
 import argparse
 import functools
+import os
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import AbstractAsyncContextManager
 from pathlib import Path
 
@@ -11,10 +12,11 @@ from mcp import Client
 from rich.console import Console
 from rich.progress import Progress
 
+from evaluator.certify.parallel import in_processes
 from evaluator.certify.viewed_episode import viewed_episode, viewing
-from evaluator.commands.base import Commands, run_async, seed_key
+from evaluator.commands.base import Commands, count_of, run_async, seed_key
 from evaluator.errors import UsageError
-from evaluator.films import Opens, film_of
+from evaluator.films import film_of
 from evaluator.records.episode import Episode, EpisodeKey, Outcome
 from evaluator.report.attachments import FILMS, film_file, own_folder, regular_file
 from evaluator.report.film_record import MOST_BYTES, read, written
@@ -23,6 +25,9 @@ from evaluator.store.run_folder import RunFolder
 from evaluator.study.forking import CONDITIONS, line_hashes, meeting
 from evaluator.study.integrity import seeds_of
 from evaluator.study.provenance import refuse_other_worlds
+
+_FILMS_EACH = 8
+"""Smallest number of films that is worth another process, which takes about a second to start."""
 
 _DESCRIPTION = f"""\
 Make films of stored episodes for the report: each is played again in this process, and what its agent could see is kept
@@ -52,6 +57,13 @@ def add(commands: Commands) -> None:
     command.add_argument(
         "--reveal", action="store_true", help="show all bodies, also those that are hidden or withheld"
     )
+    command.add_argument(
+        "--workers",
+        type=count_of("processes"),
+        default=os.cpu_count() or 1,
+        metavar="N",
+        help="processes (default: one per core, for many films)",
+    )
     command.add_argument("--scenes-dir", type=Path, metavar="DIR", help="folder of scene packs (default: the suite)")
     seed_key(command)
 
@@ -65,12 +77,7 @@ def _film(args: argparse.Namespace) -> int:
         refuse_other_worlds(folder.read_run(), args.scenes_dir)
     if args.episodes:
         episodes = meeting(episodes, args.episodes, "--episodes", folder)
-    seed_of, find_visibility = seeds_of(folder, args.seed_key), viewing(args.scenes_dir, reveal=args.reveal)
-
-    def opens(key: EpisodeKey) -> AbstractAsyncContextManager[Client]:
-        return viewed_episode(key.scene, seed_of(key.scene, key.seed), args.scenes_dir, find_visibility)
-
-    refused = run_async(functools.partial(_make, folder, episodes, opens, revealed=args.reveal))
+    refused = _make(folder, episodes, args)
     for sentence in refused:
         print(f"physment-eval: {sentence}", file=sys.stderr)
     print(
@@ -79,22 +86,49 @@ def _film(args: argparse.Namespace) -> int:
     return 1 if refused else 0
 
 
-async def _make(folder: RunFolder, episodes: Sequence[Episode], opens: Opens, *, revealed: bool) -> list[str]:
+def _make(folder: RunFolder, episodes: Sequence[Episode], args: argparse.Namespace) -> list[str]:
     """Make the missing films; returns an error message for each episode that cannot be filmed."""
-    hashes, refused = line_hashes(folder), list[str]()
+    hashes, seed_of, refused = line_hashes(folder), seeds_of(folder, args.seed_key), list[str]()
     own_folder(folder.path / FILMS)
+    files = {episode.key: film_file(folder.path, hashes[episode.key]) for episode in episodes}
+    missing = [one for one in episodes if not _is_made(files[one.key], hashes[one.key], revealed=args.reveal)]
+    # Workers cache what may be seen in a scene, so the episodes of a scene follow each other.
+    missing.sort(key=lambda episode: episode.key.scene)
+
+    def work(episode: Episode) -> Callable[[], bytes | str]:
+        seed = seed_of(episode.key.scene, episode.key.seed)
+        return functools.partial(_filmed, episode, seed, hashes[episode.key], args.scenes_dir, revealed=args.reveal)
+
     with Progress(console=Console(stderr=True), transient=True) as progress:
-        for episode in progress.track(episodes, description="films"):
-            file = film_file(folder.path, hashes[episode.key])
-            if _is_made(file, hashes[episode.key], revealed=revealed):
-                continue
-            try:
-                film = await film_of(episode, opens, hashes[episode.key], revealed=revealed)
-            except UsageError as error:
-                refused.append(str(error))
-                continue
-            durable.replace(file, written(film))
+        task = progress.add_task("films", total=len(missing))
+
+        def on_done(episode: Episode, made: bytes | str) -> None:
+            if isinstance(made, str):
+                refused.append(made)
+            else:
+                durable.replace(files[episode.key], made)
+            progress.advance(task)
+
+        workers = min(args.workers, max(1, len(missing) // _FILMS_EACH))
+        if workers > 1:
+            run_async(functools.partial(in_processes, missing, work, workers, on_done))
+        else:
+            for episode in missing:
+                on_done(episode, work(episode)())
     return refused
+
+
+def _filmed(episode: Episode, seed: int, record_sha256: str, scenes_dir: Path | None, *, revealed: bool) -> bytes | str:
+    """The film of an episode as a script, or why it is refused; may run in a worker process."""
+    find_visibility = viewing(scenes_dir, reveal=revealed)
+
+    def opens(key: EpisodeKey) -> AbstractAsyncContextManager[Client]:
+        return viewed_episode(key.scene, seed, scenes_dir, find_visibility)
+
+    try:
+        return written(run_async(functools.partial(film_of, episode, opens, record_sha256, revealed=revealed)))
+    except UsageError as error:
+        return str(error)
 
 
 def _is_made(file: Path, record_sha256: str, *, revealed: bool) -> bool:

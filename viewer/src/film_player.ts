@@ -3,6 +3,8 @@
 import type { Drawing, Poses, Readings } from "./drawing.js";
 import { ChartCursors } from "./chart_cursors.js";
 import { FilmCourse, SPEEDS } from "./film_course.js";
+import { callChosen, FilmLinks } from "./film_links.js";
+import { trackOf } from "./film_track.js";
 import { LabView } from "./lab_view.js";
 import { canDraw, element } from "./markup.js";
 import type { Reel } from "./reel.js";
@@ -19,13 +21,14 @@ const AT_REST =
 const READ =
   "What moves may be read here but not watched: a dashed ring stands where each object was read last.";
 const HELP =
-  "Space plays, comma and full stop go from call to call, brackets from turn to turn. Drag or arrow keys turn the" +
+  "▶ at a call shows it here. Space plays, comma and full stop go from call to call, brackets from turn to turn. Drag or arrow keys turn the" +
   " picture, + and − zoom.";
 
 export class FilmPlayer {
   private readonly course: FilmCourse;
   private readonly picture: LabView | Schematic;
   private readonly cursors: ChartCursors;
+  private readonly links: FilmLinks;
   private readonly ends = new AbortController();
   private readonly panel = element("div", { class: "film-panel", role: "group", "aria-label": "film" });
   private readonly box = element("div", { class: "film-box", role: "img", tabindex: "0" });
@@ -40,6 +43,8 @@ export class FilmPlayer {
   private readonly clock = element("output", { class: "film-clock" });
   private readonly speed = element("select", { "aria-label": "speed" });
   private readonly pointed = element("p", { class: "film-pointed" });
+  private readonly head = element("h4");
+  private readonly way = element("span");
   private drawn: Drawing | null = null;
   private shownTurn = -1;
   private read: Readings = {};
@@ -60,8 +65,10 @@ export class FilmPlayer {
     const dark = matchMedia("(prefers-color-scheme: dark)");
     const reducedMotion = matchMedia("(prefers-reduced-motion: reduce)").matches;
     this.picture = flat ? new Schematic(this.box) : new LabView(this.box, { dark: dark.matches, reducedMotion });
-    this.cursors = new ChartCursors(place.closest(".notebook") ?? place);
-    this.listen(dark);
+    const notebook = place.closest<HTMLElement>(".notebook") ?? place;
+    this.cursors = new ChartCursors(notebook);
+    this.links = new FilmLinks(place.dataset["entry"] ?? "", this.course);
+    this.listen(dark, notebook);
     this.frame();
     this.course.showCall(-1);
     if (!reducedMotion) this.course.play();
@@ -74,6 +81,7 @@ export class FilmPlayer {
     this.course.pause();
     this.picture.dispose();
     this.cursors.remove();
+    this.links.remove();
     this.panel.remove();
     const button = this.place.querySelector<HTMLElement>(":scope > button")!;
     button.hidden = false;
@@ -86,9 +94,8 @@ export class FilmPlayer {
       this.speed.append(element("option", { value: `${speed}` }, text));
     }
     this.speed.value = `${this.course.speed}`;
-    this.scrub.min = `${this.course.start}`;
-    this.scrub.max = `${this.course.end}`;
-    this.scrub.disabled = this.toggle.disabled = this.course.end <= this.course.start;
+    const track = trackOf(this.course, this.scrub);
+    this.toggle.disabled = this.scrub.disabled;
     return element(
       "div",
       { class: "film-controls" },
@@ -97,7 +104,7 @@ export class FilmPlayer {
       this.toggle,
       this.button("→", "next call", () => this.course.showCall(this.course.current + 1)),
       this.button("⇥", "next turn", () => this.course.showTurn(1)),
-      this.scrub,
+      track,
       this.clock,
       this.speed,
       this.button("close", "close the film", () => this.close(), false),
@@ -152,8 +159,10 @@ export class FilmPlayer {
       const section = document.getElementById(`${this.place.dataset["entry"]}-${turn + 1}`);
       const table = section?.querySelector(".calls")?.cloneNode(true) as HTMLElement | undefined;
       for (const node of table?.querySelectorAll("[id]") ?? []) node.removeAttribute("id");
-      this.side.replaceChildren(element("h4", {}, `Iteration ${turn + 1}`), ...(table ? [table] : []));
+      this.head.textContent = `Iteration ${turn + 1}`;
+      this.side.replaceChildren(element("div", { class: "film-head" }, this.head, this.way), ...(table ? [table] : []));
     }
+    this.way.replaceChildren(this.links.back(turn, call));
     const rows = [...this.side.querySelectorAll("tbody")];
     rows.forEach((row, index) => {
       if (index === call) row.setAttribute("aria-current", "step");
@@ -164,8 +173,18 @@ export class FilmPlayer {
     else this.side.scrollTop = 0;
   }
 
-  private listen(dark: MediaQueryList): void {
+  private listen(dark: MediaQueryList, notebook: HTMLElement): void {
     const { signal } = this.ends;
+    const choose = (event: Event) => {
+      const call = callChosen(event);
+      if (call === null) return;
+      this.course.pause();
+      this.course.showCall(call);
+      if (this.side.contains(event.target as Node)) return;
+      this.panel.scrollIntoView({ block: "nearest" });
+      this.toggle.focus({ preventScroll: true });
+    };
+    notebook.addEventListener("click", choose, { signal });
     this.toggle.addEventListener("click", () => this.course.toggle());
     this.scrub.addEventListener("input", () => {
       const time = Number(this.scrub.value); // stopping shows the present time in the scrubber

@@ -164,3 +164,22 @@ def test_rest_and_steady_motion_take_hardly_any_bytes() -> None:
     steady = [Instant(0.01 * k, 0, {"a": [0.3 * k, 0, 1, 1, 0, 0, 0]}) for k in range(1000)]
     assert len(reel(steady, [{"bodies": []}])["data"]) < 80
     assert course(iter(b"\x00\x03"), 4) == [0, 0, 0, 0]
+
+
+def test_workers_make_the_same_films_and_refuse_the_same_ones(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    turns = [[call("step", duration=0.05)], [call("answer", answer=1)]]
+    keys = {key_of(7, turns, seed): turns for seed in range(16)}
+    other = stored_run(tmp_path / "run", *keys.items())
+    text = other.episodes_file.read_text(encoding="utf-8").replace('\\"sim_time\\":0.05', '\\"sim_time\\":0.06', 1)
+    other.episodes_file.write_text(text, encoding="utf-8")
+    assert main(["film", str(other.path), "--workers", "2"]) == 1
+    said = capsys.readouterr()
+    assert (said.out[:8], said.err.count("physment-eval: ")) == ("15 films", 1)
+    made = {key: file_of(other, key).read_bytes() for key in keys if file_of(other, key).exists()}
+    assert len(made) == 15
+    for key in list(made)[:2]:
+        file_of(other, key).unlink()
+    assert main(["film", str(other.path), "--workers", "1"]) == 1
+    assert made == {key: file_of(other, key).read_bytes() for key in made}

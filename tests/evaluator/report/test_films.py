@@ -123,6 +123,25 @@ def test_calls_turns_and_times_follow_the_keyboard_and_the_charts_follow_the_fil
     browser.send("Emulation.setEmulatedMedia", features=[])
 
 
+def test_a_call_of_the_notebook_is_shown_in_the_film_and_the_film_leads_back_to_it(
+    run: RunFolder, browser: Page
+) -> None:
+    opened(browser, report(run), 2)
+    go = "document.querySelector('#episode-2-{} button.film-go')"
+    browser.run(f"{go.format('12-2')}.focus()")
+    browser.press("Enter")
+    assert browser.run(CLOCK) == "0.60 of 0.95 s, turn 12 of 20, call 2"
+    assert browser.run("document.activeElement.className") == "film-play"
+    browser.run("document.querySelector('.film-calls tbody:first-of-type button.film-go').click()")
+    assert browser.run(CLOCK) == "0.60 of 0.95 s, turn 12 of 20, call 1"
+    browser.run("document.querySelector('.film-head a').click()")
+    browser.wait("document.activeElement.id === 'episode-2-12-1'")
+    ticks = browser.run("document.querySelector('.film-track path').getAttribute('d')").split("M")[1:]
+    assert (len(ticks), len([tick for tick in ticks if tick.endswith("V8")])) == (19, 19), "two calls share each tick"
+    browser.run("document.querySelector('.film-panel button[aria-label=\"close the film\"]').click()")
+    assert browser.run("document.querySelector('button.film-go')") is None
+
+
 def test_a_film_of_another_record_a_missing_film_and_a_damaged_one_are_told_in_a_sentence(
     run: RunFolder, browser: Page
 ) -> None:
