@@ -1,107 +1,24 @@
 """`physment-eval play N`: a person solves a scene in the terminal. The episode is saved and graded as any other."""
 
 import argparse
-import contextlib
-import functools
 import signal
-import socket
 import sys
-from collections.abc import Awaitable, Callable, Generator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
 from types import ModuleType
 
-import anyio
-import anyio.to_thread
-import uvicorn
 from rich.console import Console
 from rich.markdown import Markdown
 
-from evaluator.agents.browser.app import app
-from evaluator.agents.browser.player import BrowserAgent, PageState
 from evaluator.agents.human import HumanAgent
 from evaluator.answers.keys import KeyRing
-from evaluator.commands.base import (
-    Commands,
-    count_of,
-    folder_to_write,
-    listening,
-    open_page,
-    page_token,
-    port,
-    run_async,
-    scene_id,
-    seed,
-)
-from evaluator.commands.finishing import report_on
+from evaluator.commands.base import Commands, count_of, folder_to_write, port, run_async, scene_id, seed
+from evaluator.commands.human_episode import HumanPlay, kept_if_used
 from evaluator.commands.terminal import printable
-from evaluator.episode.connect import connect
-from evaluator.episode.loop import play_episode
-from evaluator.episode.player import Agent
-from evaluator.episode.toolbox import Toolboxes, shows_views, view_now
-from evaluator.errors import InfrastructureError, UsageError
-from evaluator.records.episode import Episode, EpisodeKey, Outcome, Verdict
-from evaluator.records.run import Plan
-from evaluator.scores.scored_episode import ScoredEpisode
-from evaluator.scores.scoring import grade_run
-from evaluator.store.run_folder import RunFolder
-from evaluator.study.integrity import seal_note
-from evaluator.study.provenance import run_record, server_record
 from evaluator.study.selection import parse_scenes
-from scenes import PackFiles, reference_of
-
-_LINGER_S = 1.0
-"""Longest time for the page to request the verdict [s]."""
-_LEAVING = (signal.SIGINT, signal.SIGTERM)
-
-
-async def play_on_page(
-    listener: socket.socket,
-    token: str,
-    play: Callable[[PageState], Awaitable[Episode]],
-    verdict: Callable[[Episode], str],
-) -> None:
-    """Serve the page while a person plays an episode on it. Ctrl-C ends the episode as if the person left the page.
-
-    Args:
-        listener: Listening socket on which the page is served.
-        token: First segment of the page's path.
-        play: Plays the episode.
-        verdict: Records and grades the episode and returns its result as text; called in a thread.
-    """
-    page = PageState()
-    config = uvicorn.Config(
-        app(page, token), log_config=None, log_level="warning", lifespan="off", timeout_graceful_shutdown=1
-    )
-    server = _Server(config)
-    async with anyio.create_task_group() as tasks:
-        tasks.start_soon(functools.partial(server.serve, sockets=[listener]))
-        tasks.start_soon(_leave_when_signalled, page)
-        episode = await play(page)
-        page.end(await anyio.to_thread.run_sync(verdict, episode))
-        await page.told(_LINGER_S)
-        server.should_exit = True
-        # The server ends open requests when it stops; leaving the block ends the wait for signals.
-        await anyio.sleep(0.2)
-        tasks.cancel_scope.cancel()
-
-
-async def _leave_when_signalled(page: PageState) -> None:
-    # Windows event loops do not support signal receivers.
-    with contextlib.suppress(NotImplementedError), anyio.open_signal_receiver(*_LEAVING) as signals:
-        async for _ in signals:
-            page.leave()
-
-
-class _Server(uvicorn.Server):
-    """A uvicorn server without signal handlers. The command handles signals, because it first records the episode."""
-
-    @contextlib.contextmanager
-    def capture_signals(self) -> Generator[None]:
-        """Override that installs no handlers."""
-        yield
-
+from scenes import reference_of
 
 _PLAY = """\
 Solve a scene yourself, with the tools and the budget of any agent: a human baseline.
@@ -138,105 +55,19 @@ def add(commands: Commands) -> None:
 
 def _play(args: argparse.Namespace) -> int:
     (files,) = parse_scenes(reference_of(args.scene), args.scenes_dir)
-    keys = KeyRing(args.scenes_dir)
-    keys.key(args.scene, args.seed)
-    stamp = datetime.now(UTC).strftime("%Y%m%dT%H%M%S")
-    folder = RunFolder(args.out or Path("runs") / f"{stamp}-human")
-    folder.create(resume=False)
     console = Console()
-    try:
+    play = HumanPlay(args.server, args.scenes_dir, args.budget, KeyRing(args.scenes_dir), console)
+    stamp = datetime.now(UTC).strftime("%Y%m%dT%H%M%S")
+    variant = play.variant(files, args.seed, args.out or Path("runs") / f"{stamp}-human")
+    with kept_if_used(variant.folder):
         if args.web:
-            _play_on_page(args, files, folder, functools.partial(_finish, folder, keys, console))
+            from evaluator.commands.play_page import play_in_browser  # noqa: PLC0415 - the terminal needs no web server
+
+            play_in_browser(play, variant, args.port, opens=not args.no_open)
         else:
             agent = HumanAgent(_Terminal(console))
-            _finish(folder, keys, console, run_async(functools.partial(_episode, args, files, folder, agent)))
-    except BaseException:
-        _remove_if_empty(folder)
-        raise
+            play.finish(variant, run_async(lambda: play.play(variant, agent)))
     return 0
-
-
-def _finish(folder: RunFolder, keys: KeyRing, console: Console, episode: Episode) -> str:
-    """Record and grade an episode; returns its result as text. An episode without a turn is not recorded."""
-    if episode.outcome is Outcome.AGENT_ERROR and not episode.turns:
-        _remove_if_empty(folder)
-        console.print("\nNothing was done, and nothing is saved.")
-        return "nothing was done, and nothing is saved"
-    folder.append_episode(episode)
-    graded = grade_run(folder, keys)
-    report_on(folder, graded.rows, keys, seal_note(folder))
-    (row,) = graded.rows
-    console.print(f"\n{_verdict(row)}", markup=False, highlight=False)
-    console.print(f"run folder: {folder.path}   report: {folder.report_file}", highlight=False, soft_wrap=True)
-    return _verdict(row)
-
-
-def _play_on_page(
-    args: argparse.Namespace, files: PackFiles, folder: RunFolder, verdict: Callable[[Episode], str]
-) -> None:
-    """Let the person play in the browser.
-
-    Raises:
-        UsageError: The port is taken.
-    """
-    token = page_token()
-    with listening("127.0.0.1", args.port) as listener:
-        address = f"http://127.0.0.1:{listener.getsockname()[1]}/{token}/"
-        print(f"play at {address} (Ctrl-C leaves)", flush=True)
-        if not args.no_open:
-            open_page(address)
-
-        async def play(page: PageState) -> Episode:
-            return await _episode(args, files, folder, BrowserAgent(page), page)
-
-        run_async(lambda: play_on_page(listener, token, play, verdict))
-
-
-async def _episode(
-    args: argparse.Namespace, files: PackFiles, folder: RunFolder, agent: Agent, page: PageState | None = None
-) -> Episode:
-    """Let the person play. `run.json` is written only if the person took a turn.
-
-    Args:
-        args: Parsed command line.
-        files: Pack of the scene.
-        folder: Folder of the run's records.
-        agent: Agent that passes on the person's calls.
-        page: State of the web page, which receives the views; None in the terminal. Views are not recorded.
-
-    Raises:
-        UsageError: `--server` names no server that can be reached.
-    """
-    key = EpisodeKey(scene=args.scene, seed=args.seed, agent="human", budget=args.budget)
-    plan = Plan(scenes=(args.scene,), agents=("human",), budgets=(args.budget,), seeds=(args.seed,))
-    declared = () if page is None else (shows_views(),)
-    async with contextlib.AsyncExitStack() as stack:
-        laboratory = await stack.enter_async_context(connect(args.server, args.scenes_dir, declared=declared))
-        try:
-            client = await stack.enter_async_context(laboratory.open(args.scene, args.seed))
-        except InfrastructureError as error:
-            raise UsageError(str(error)) from error
-        record = run_record(plan, [files], await server_record(client, args.server))
-        toolboxes = None if page is None else Toolboxes(look=page.look)
-        if page is not None:
-            page.view = await view_now(client)
-        episode = await play_episode(agent, client, key, record.versions_of(args.scene), toolboxes)
-    if episode.turns:
-        folder.write_run(record)
-    return episode
-
-
-def _verdict(row: ScoredEpisode) -> str:
-    spent = f"{len(row.episode.turns)} of {row.key.budget} iteration{'s' * (row.key.budget != 1)}"
-    if row.is_correct:
-        return f"Correct, in {spent}."
-    forgiven = " (correct in another form)" if row.grade.normalised is Verdict.CORRECT else ""
-    return f"Not correct{forgiven}, in {spent}: {row.grade.reason}"
-
-
-def _remove_if_empty(folder: RunFolder) -> None:
-    with contextlib.suppress(OSError):
-        folder.path.rmdir()
 
 
 def _readline() -> ModuleType | None:

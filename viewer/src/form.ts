@@ -1,12 +1,19 @@
 /** Forms for tools, made from their schemas: a field for each argument, with what it means and its unit. */
 
 import { element } from "./markup.js";
+import { numberFrom } from "./numbers.js";
 import type { Call, Schema, Tool } from "./talk.js";
 
 /** A field: its elements, and its value; undefined leaves the argument out. */
 interface Field {
   shown: HTMLElement;
   value: () => unknown;
+}
+
+/** An object that tools know, and the name that the task gives it. */
+export interface Known {
+  id: string;
+  name: string;
 }
 
 const COMPONENTS: Record<number, string[]> = { 3: ["x", "y", "z"], 4: ["w", "x", "y", "z"] };
@@ -19,11 +26,11 @@ export class ToolForm {
 
   /**
    * @param tool - Which tool.
-   * @param objects - Ids of the objects that are known.
+   * @param objects - The objects that are known.
    */
   constructor(
-    private readonly tool: Tool,
-    objects: string[],
+    readonly tool: Tool,
+    objects: Known[],
   ) {
     const { properties = {}, required = [] } = tool.input_schema;
     this.fields = new Map(
@@ -52,16 +59,14 @@ export class ToolForm {
   }
 }
 
-function fieldOf(name: string, schema: Schema, required: boolean, objects: string[]): Field {
+function fieldOf(name: string, schema: Schema, required: boolean, objects: Known[]): Field {
   const forms = schema.anyOf ?? [schema];
   const kinds = new Set(forms.map((form) => form.type));
-  if (name === "answer") return answerField(schema);
-  if (/^(object_id|obj\d_id|object\d_id)$/.test(name)) return choice(name, schema, objects);
+  if (/^(object_id|obj\d_id|object\d_id)$/.test(name)) return objectField(name, schema, objects);
   if (schema.enum) return choice(name, schema, schema.enum);
   if (kinds.has("boolean")) return checkbox(name, schema);
   const list = forms.find((form) => form.type === "array");
   if (list) return vector(name, schema, list, required);
-  if (kinds.has("object")) return json(name, schema);
   if (kinds.has("number")) return number(name, schema, required);
   return text(name, schema, required);
 }
@@ -70,6 +75,21 @@ function labelled(name: string, schema: Schema, ...inputs: HTMLElement[]): HTMLE
   const said = element("span", {}, element("b", {}, name), ` ${schema.description ?? ""}`);
   const tag = inputs.length > 1 ? "fieldset" : "label";
   return element(tag, { class: "play-field" }, tag === "fieldset" ? element("legend", {}, said) : said, ...inputs);
+}
+
+/** A choice among objects, by id and name. */
+export function objectChoice(name: string, objects: Known[]): HTMLSelectElement {
+  const options = objects.map(({ id, name: called }) =>
+    element("option", { value: id }, called && called !== id ? `${id} · ${called}` : id),
+  );
+  return element("select", { name }, ...options);
+}
+
+function objectField(name: string, schema: Schema, objects: Known[]): Field {
+  const select = objectChoice(name, objects);
+  // A tool of two objects starts with two different ones.
+  if (name.includes("2") && objects.length > 1) select.selectedIndex = 1;
+  return { shown: labelled(name, schema, select), value: () => select.value };
 }
 
 function choice(name: string, schema: Schema, options: string[]): Field {
@@ -85,41 +105,40 @@ function checkbox(name: string, schema: Schema): Field {
 }
 
 function number(name: string, schema: Schema, required: boolean): Field {
+  // Coordinates and shifts are components: an empty one is 0.
+  const isComponent = /^d?[xyz]$/.test(name);
   const input = element("input", { name, inputmode: "decimal", autocomplete: "off" });
+  if (isComponent) input.placeholder = "0";
   if (typeof schema.default === "number") input.value = `${schema.default}`;
-  return { shown: labelled(name, schema, input), value: () => numberIn(name, input, required) };
+  const value = () => {
+    if (input.value.trim() !== "") return numberFrom(name, input.value, schema);
+    if (isComponent) return 0;
+    return required ? numberFrom(name, input.value, schema) : undefined;
+  };
+  const shown = labelled(name, schema, input);
+  if (isComponent) shown.classList.add("play-component");
+  return { shown, value };
 }
 
-function numberIn(name: string, input: HTMLInputElement, required: boolean): number | undefined {
-  const written = input.value.trim();
-  // Three digits after a comma may be decimals or thousands, and a wrong guess would cost an experiment.
-  if (/^[-−+]?\d{1,3},\d{3}$/.test(written)) {
-    throw new Error(`${name}: ${written} can be read in two ways; write ${written.replace(",", ".")} or ${written.replace(",", "")}`);
-  }
-  const typed = written.replace(",", ".").replace("−", "-");
-  if (typed === "" && !required) return undefined;
-  const value = Number(typed);
-  if (typed === "" || !Number.isFinite(value)) throw new Error(`${name}: ${typed || "nothing"} is not a number`);
-  return value;
-}
-
+/** Empty components are 0; a vector that may be left out is left out if all of them are empty. */
 function vector(name: string, schema: Schema, list: Schema, required: boolean): Field {
-  const size = list.maxItems ?? 3;
-  const names = name === "rgba" ? COLOURS : (COMPONENTS[size] ?? []);
+  const names = name === "rgba" ? COLOURS : (COMPONENTS[list.maxItems ?? 3] ?? []);
   const inputs = names.map((component) =>
     element("input", {
       name: `${name}.${component}`,
       inputmode: "decimal",
       autocomplete: "off",
-      "aria-label": component,
-      placeholder: component,
+      "aria-label": `${name} ${component}`,
+      placeholder: `${component}: 0`,
     }),
   );
   if (name === "rgba") inputs.forEach((input) => (input.value = "1"));
   const value = () => {
-    const filled = inputs.filter((input) => input.value.trim() !== "");
-    if (filled.length === 0 && !required) return undefined;
-    return inputs.map((input, index) => numberIn(`${name} ${names[index]}`, input, true));
+    const isEmpty = inputs.every((input) => input.value.trim() === "");
+    if (isEmpty && !required) return undefined;
+    return inputs.map((input, index) =>
+      input.value.trim() === "" ? 0 : numberFrom(`${name} ${names[index]}`, input.value, list.items),
+    );
   };
   return { shown: labelled(name, schema, ...inputs), value };
 }
@@ -131,33 +150,4 @@ function text(name: string, schema: Schema, required: boolean): Field {
     throw new Error(`${name} is missing`);
   };
   return { shown: labelled(name, schema, input), value };
-}
-
-function json(name: string, schema: Schema): Field {
-  const input = element("input", { name, autocomplete: "off", placeholder: '{"mass": 2.5}' });
-  const value = () => {
-    if (input.value.trim() === "") return undefined;
-    try {
-      return JSON.parse(input.value) as unknown;
-    } catch {
-      throw new Error(`${name}: ${input.value} is not like {"mass": 2.5}`);
-    }
-  };
-  return { shown: labelled(name, schema, input), value };
-}
-
-/** An answer is a number or a list if it is written as one in JSON, and a text otherwise. */
-function answerField(schema: Schema): Field {
-  const input = element("input", { name: "answer", autocomplete: "off" });
-  const value = () => {
-    const typed = input.value.trim();
-    if (typed === "") throw new Error("answer is missing");
-    try {
-      const parsed: unknown = JSON.parse(typed);
-      return typeof parsed === "number" || Array.isArray(parsed) ? parsed : typed;
-    } catch {
-      return typed;
-    }
-  };
-  return { shown: labelled("answer", schema, input), value };
 }

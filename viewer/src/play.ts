@@ -1,25 +1,32 @@
-/** The page of a person who plays: scene, task, tools as forms, what was measured, and the budget. */
+/** The page of a person who plays: a question, the scene, a bench of tools, what was measured, and the budget. */
 
+import { AnswerBox } from "./answer_box.js";
+import { Bench } from "./bench.js";
 import { chartOf } from "./chart.js";
-import { ToolForm } from "./form.js";
+import { endCard } from "./end_card.js";
+import type { Known } from "./form.js";
+import { beyond, limitsInWords } from "./limits.js";
 import { rendered } from "./markdown.js";
 import { element } from "./markup.js";
 import { LabPanel } from "./panel.js";
-import { latestOf, seriesOf, shortened } from "./readings.js";
-import { type Call, type Exchange, leave, type State, stateAfter, take } from "./talk.js";
+import { changedOf, latestOf, seriesOf } from "./readings.js";
+import { lastResults, logRows } from "./results.js";
+import { type Call, Elsewhere, type Exchange, leave, type State, stateAfter, take, takeOver } from "./talk.js";
 
+/** Largest number of plots. */
+const MOST_PLOTS = 6;
 const dark = matchMedia("(prefers-color-scheme: dark)");
 const reducedMotion = matchMedia("(prefers-reduced-motion: reduce)").matches;
 const by = (id: string) => document.getElementById(id)!;
-const tools = by("tool") as HTMLSelectElement;
 const note = by("note") as HTMLTextAreaElement;
-const quantity = by("quantity") as HTMLSelectElement;
-const buttons = ["add", "run", "leave"].map((id) => by(id) as HTMLButtonElement);
+const leaving = by("leave") as HTMLButtonElement;
 
 let state: State | null = null;
-let form: ToolForm | null = null;
-let waitingCalls: Call[] = [];
 const panel = new LabPanel(by("lab"), { dark: dark.matches, reducedMotion, readings });
+const bench = new Bench({ run, say });
+const answer = new AnswerBox((call) => take([call], note.value.trim()));
+by("bench").append(bench.element);
+by("answers").append(answer.element);
 
 function exchanges(): Exchange[] {
   return state?.turns.flatMap((turn) => turn.exchanges) ?? [];
@@ -32,126 +39,103 @@ function readings(id: string): string[] {
   return [...(object ? [object.name] : []), ...(read.length > 0 ? read : ["nothing was read of it yet"])];
 }
 
-/** Ids of the objects that are known: those of the prompt, and those that results named. */
-function objects(): string[] {
-  const found = new Set(state?.scene.objects?.map((one) => one.object_id) ?? []);
+/** The objects that are known: those of the prompt, and those that results named. */
+function objects(): Known[] {
+  const found = new Map((state?.scene.objects ?? []).map(({ object_id: id, name }) => [id, name]));
   const search = (value: unknown): void => {
     if (!value || typeof value !== "object") return;
     const { object_id: id } = value as { object_id?: unknown };
-    if (typeof id === "string") found.add(id);
+    if (typeof id === "string" && !found.has(id)) found.set(id, "");
     for (const part of Object.values(value)) search(part);
   };
   for (const exchange of exchanges()) search(exchange.content);
-  return [...found];
-}
-
-function showForm(): void {
-  const tool = state?.tools.find((one) => one.name === tools.value);
-  if (!tool) return;
-  form = new ToolForm(tool, objects());
-  by("form").replaceChildren(form.element);
-}
-
-function typed(call: Call): string {
-  return [call.tool, ...Object.values(call.arguments).map(shortened)].join(" ");
-}
-
-function showQueue(): void {
-  const shown = waitingCalls.map((call, index) => {
-    const remove = element("button", { type: "button", "aria-label": `take ${call.tool} away` }, "×");
-    remove.addEventListener("click", () => {
-      waitingCalls.splice(index, 1);
-      showQueue();
-    });
-    return element("li", {}, `${typed(call)} `, remove);
-  });
-  by("queue").replaceChildren(...shown);
+  return [...found].map(([id, name]) => ({ id, name }));
 }
 
 function say(sentence: string): void {
   by("said").textContent = sentence;
 }
 
-async function run(): Promise<void> {
-  say("");
+/** Make the calls of an iteration; false if they were not sent, or the command refused them. */
+async function run(calls: Call[]): Promise<boolean> {
+  const refusal = beyond(calls, state?.rules.limits ?? {}, exchanges());
+  if (refusal) {
+    say(`Not sent: ${refusal}.`);
+    return false;
+  }
   try {
-    const calls = form ? [...waitingCalls, form.call()] : waitingCalls;
     await take(calls, note.value.trim());
-    waitingCalls = [];
     note.value = "";
-    showQueue();
-  } catch (refusal) {
-    say((refusal as Error).message);
+    return true;
+  } catch (failure) {
+    say((failure as Error).message);
+    return false;
   }
 }
 
-function add(): void {
-  say("");
-  try {
-    if (form) waitingCalls.push(form.call());
-    showQueue();
-  } catch (refusal) {
-    say((refusal as Error).message);
-  }
+function showTask(next: State): void {
+  const { name = "", task = "" } = next.scene;
+  document.title = `${name} · PhysMent laboratory`;
+  by("question").querySelector("h2")!.textContent = name;
+  by("task").textContent = task;
+  by("prompt").replaceChildren(...rendered(next.prompt ?? ""));
+  by("question").hidden = false;
+  answer.show(next);
 }
 
-function showLog(): void {
-  const turns = state?.turns ?? [];
-  const rows = turns.flatMap((turn, index) => [
-    ...turn.exchanges.map((exchange) => rowOf(index + 1, exchange)),
-    ...(turn.note ? [element("tr", {}, element("td", {}), element("td", { colspan: "2" }, turn.note))] : []),
-  ]);
-  by("log").replaceChildren(...rows.reverse());
-  const series = seriesOf(exchanges());
-  const names = [...series.keys()];
-  if (names.join() !== [...quantity.options].map((option) => option.value).join()) {
-    const before = quantity.value;
-    quantity.replaceChildren(...names.map((name) => element("option", { value: name }, name)));
-    if (names.includes(before)) quantity.value = before;
-  }
-  by("plots").hidden = names.length === 0;
-  const chosen = series.get(quantity.value);
-  by("chart").replaceChildren(...(chosen ? [chartOf(quantity.value, chosen)] : []));
-}
-
-function rowOf(turn: number, exchange: Exchange): HTMLTableRowElement {
-  const fields = Object.entries(exchange.content ?? {}).filter(([, value]) => value !== null);
-  const result =
-    exchange.returned && !exchange.is_error
-      ? fields.map(([name, value]) => `${name} ${shortened(value)}`).join("; ")
-      : exchange.text || "not run";
-  const cells = [`${turn}`, typed(exchange), result].map((text) => element("td", {}, text));
-  return element("tr", exchange.is_error ? { class: "play-refused" } : {}, ...cells);
+function showMeasured(next: State): void {
+  by("last").replaceChildren(...lastResults(next.turns));
+  by("log").replaceChildren(...logRows(next.turns));
+  const changed = changedOf(seriesOf(exchanges())).slice(0, MOST_PLOTS);
+  by("plots").hidden = changed.length === 0;
+  by("charts").replaceChildren(...changed.map(chartOf));
+  const limits = limitsInWords(next.rules.limits ?? {}, exchanges());
+  by("limits").textContent = limits.length > 0 ? `Limits: ${limits.join("; ")}.` : "";
 }
 
 function show(next: State): void {
   const before = state;
+  // Another episode starts with an empty page.
+  if (before && before.number !== next.number) return location.reload();
   state = next;
-  if (!before?.prompt && next.prompt) {
-    by("prompt").replaceChildren(...rendered(next.prompt));
-    const usable = next.tools.filter((tool) => !next.scene.disabled_tools?.includes(tool.name));
-    tools.replaceChildren(...usable.map((tool) => element("option", { value: tool.name }, tool.name)));
-    showForm();
-  } else if (before?.turns.length !== next.turns.length) showForm();
-  const open = next.waiting && next.ended === null;
-  for (const button of buttons) button.disabled = !open;
+  if (!before?.prompt && next.prompt) showTask(next);
+  const isOpen = next.waiting && next.ended === null;
+  bench.update(next, objects());
+  answer.open(isOpen);
+  leaving.disabled = !isOpen;
   by("budget").textContent =
-    next.ended ?? `${next.left} of ${next.budget ?? next.left} iterations left${open ? "" : " · running …"}`;
+    next.ended ??
+    (next.budget === undefined ? "opening …" : `${next.left} of ${next.budget} iterations left${isOpen ? "" : " · running …"}`);
   if (next.view && JSON.stringify(next.view) !== JSON.stringify(before?.view ?? null)) panel.show(next.view);
   else panel.refresh();
-  showLog();
+  if (before?.turns.length !== next.turns.length) showMeasured(next);
+  if (next.ended !== null && before?.ended !== next.ended) showEnd(next);
+}
+
+function showEnd(next: State): void {
+  by("end").replaceChildren(...endCard(next, (sentence) => by("end").append(element("p", { role: "alert" }, sentence))));
+  by("end").hidden = false;
+  by("end").focus();
+  by("end").scrollIntoView({ block: "nearest" });
+}
+
+function shut(): void {
+  bench.shut();
+  answer.open(false);
+  leaving.disabled = true;
+  for (const button of by("end").querySelectorAll("button")) button.disabled = true;
+  for (const link of by("end").querySelectorAll("a")) link.replaceWith("The report is in the run folder.");
 }
 
 async function follow(): Promise<void> {
   for (;;) {
     try {
       show(await stateAfter(state?.version ?? -1));
-      if (state?.ended) return;
     } catch (failure) {
-      say(
-        failure instanceof TypeError ? "The command has ended; this page can be closed." : (failure as Error).message,
-      );
-      for (const button of buttons) button.disabled = true;
+      shut();
+      by("elsewhere").hidden = !(failure instanceof Elsewhere);
+      if (failure instanceof TypeError) by("budget").textContent = `${state?.ended ?? ""} The command has ended.`.trim();
+      else if (!(failure instanceof Elsewhere)) say((failure as Error).message);
       return;
     }
   }
@@ -162,15 +146,15 @@ function dress(): void {
   panel.setDark(dark.matches);
 }
 
-tools.addEventListener("change", showForm);
-quantity.addEventListener("change", showLog);
-by("add").addEventListener("click", add);
 by("turn").addEventListener("submit", (event) => {
   event.preventDefault();
-  void run();
+  bench.submit();
 });
-by("leave").addEventListener("click", () => {
+leaving.addEventListener("click", () => {
   if (confirm("Leave without an answer? The episode ends.")) void leave();
+});
+by("take").addEventListener("click", () => {
+  void takeOver().then(() => location.reload());
 });
 dark.addEventListener("change", dress);
 dress();

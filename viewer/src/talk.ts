@@ -34,15 +34,52 @@ export interface Exchange extends Call {
   text: string;
 }
 
+/** Bounds of the episode, as the prompt states them; one that is absent has the default of every laboratory. */
+export interface Limits {
+  /** [N] */
+  force?: number;
+  /** [N·m] */
+  torque?: number;
+  /** [kg] */
+  created_mass?: number;
+  /** [s] */
+  lab_time?: number;
+  calls?: number;
+}
+
+export interface AnswerForm {
+  kind?: string;
+  unit?: string | string[] | null;
+  labels?: string[];
+  options?: string[];
+}
+
+/** What is told once the episode is over. */
+export interface End {
+  /** null if nothing was recorded. */
+  correct: boolean | null;
+  key: unknown;
+  answer: unknown;
+  report: boolean;
+  /** What can be played next, and its name. */
+  choices: Record<string, string>;
+}
+
 export interface Scene {
+  scene_id?: number;
+  name?: string;
+  task?: string;
   objects?: { object_id: string; name: string }[];
   disabled_tools?: string[];
-  answer?: { kind?: string; unit?: string | string[] | null; labels?: string[]; options?: string[] } | null;
+  answer?: AnswerForm | null;
 }
 
 export interface State {
   version: number;
+  /** Number of the episode on this page. */
+  number: number;
   waiting: boolean;
+  rules: { limits?: Limits; steps?: { name: string; meaning: string; unit: string }[] };
   prompt?: string;
   budget?: number;
   left: number;
@@ -51,7 +88,11 @@ export interface State {
   turns: { note: string; exchanges: Exchange[] }[];
   view: View | null;
   ended: string | null;
+  end: End | null;
 }
+
+/** Another window plays this episode. */
+export class Elsewhere extends Error {}
 
 /** The number of this window, the same after it is loaded again. */
 const page = sessionStorage.getItem("page") ?? crypto.randomUUID();
@@ -61,7 +102,8 @@ async function ask(path: string, options: RequestInit = {}): Promise<Response> {
   const reply = await fetch(path, { ...options, headers: { "x-physment-page": page } });
   if (reply.ok) return reply;
   const { error } = (await reply.json()) as { error?: string };
-  throw new Error(error ?? `the command answered ${reply.status}`);
+  const said = error ?? `the command answered ${reply.status}`;
+  throw said.includes("another window") ? new Elsewhere(said) : new Error(said);
 }
 
 /** The state, as soon as it is newer than a version. */
@@ -74,7 +116,22 @@ export async function take(calls: Call[], note: string): Promise<void> {
   await ask("turn", { method: "POST", body: JSON.stringify({ calls, note }) });
 }
 
-/** Leave without an answer. */
+/** Leave without an answer; the episode ends. */
 export async function leave(): Promise<void> {
   await ask("leave", { method: "POST" });
+}
+
+/** Play on after the end: one of its choices. */
+export async function playNext(choice: string): Promise<void> {
+  await ask(`next?play=${choice}`, { method: "POST" });
+}
+
+/** End the command. */
+export async function close(): Promise<void> {
+  await ask("close", { method: "POST" });
+}
+
+/** Make this window the one that plays. */
+export async function takeOver(): Promise<void> {
+  await ask("take-over", { method: "POST" });
 }

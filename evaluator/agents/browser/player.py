@@ -4,12 +4,15 @@
 no HTTP.
 """
 
+import time
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
+from pathlib import Path
 from typing import Any
 
 import anyio
 import mcp_types as types
+from pydantic import JsonValue
 
 from evaluator.agents.human import Left, refuse_commas
 from evaluator.episode.player import ANSWER, Briefing, Feedback, Reply
@@ -22,6 +25,25 @@ MOST_CALLS = 50
 """Largest number of calls in one turn."""
 MOST_NOTE = 10_000
 """Largest number of characters in a note."""
+_LOOK_S = 5.0
+"""Interval at which an ended episode checks whether its page is still open [s]."""
+
+
+@dataclass(frozen=True, slots=True)
+class Ending:
+    """How an episode ended, for the page. Exists only after the episode is over and graded."""
+
+    sentence: str
+    correct: bool | None = None
+    """Whether the answer is right; None if nothing was recorded."""
+    key: JsonValue = None
+    """The answer key; None if nothing was recorded."""
+    answer: JsonValue = None
+    """The accepted answer; None without one."""
+    report: Path | None = None
+    """The report of the episode; None if nothing was recorded."""
+    choices: Mapping[str, str] = field(default_factory=dict[str, str])
+    """What can be played next: `seed` and `scene` → its name. Empty if nothing can."""
 
 
 @dataclass(slots=True)
@@ -37,17 +59,25 @@ class PageState:
     """What may be seen now, with the motion during the last step; None if the server sends no views."""
     waiting: bool = False
     """Whether the loop waits for the person's next turn."""
-    ended: str | None = None
-    """How the episode ended, as a sentence; None while it runs."""
+    ending: Ending | None = None
+    """How the episode ended; None while it runs."""
+    rules: Mapping[str, Any] = field(default_factory=dict[str, Any])
+    """What the prompt says about limits and further quantities, as JSON values: `limits` and `steps`."""
+    number: int = 1
+    """Number of the episode on this page, from 1."""
     version: int = 0
     """Incremented with every change."""
+    seen_at: float = field(default_factory=time.monotonic)
+    """Time of the page's last request on the monotonic clock [s]."""
     _changed: anyio.Event = field(default_factory=anyio.Event)
     _reply: Reply | None = None
     _gone: bool = False
     _turn_begins: bool = True
     """True until a result of the current turn contains a view. The motions of one turn are joined for playback."""
     _replied: anyio.Event = field(default_factory=anyio.Event)
-    _told: anyio.Event = field(default_factory=anyio.Event)
+    _choice: str | None = None
+    _closed: bool = False
+    _chosen: anyio.Event = field(default_factory=anyio.Event)
 
     def state(self) -> dict[str, Any]:
         """Return everything that the page shows, as JSON values."""
@@ -55,8 +85,17 @@ class PageState:
         known = {} if briefing is None else {"prompt": briefing.prompt, "budget": briefing.budget}
         tools = [] if briefing is None else [asdict(tool) for tool in briefing.tools]
         scene = {} if briefing is None else dict(briefing.scene)
-        shown = {"turns": self.turns, "left": self.left, "view": self.view, "ended": self.ended}
-        return {"version": self.version, "waiting": self.waiting, **known, "tools": tools, "scene": scene, **shown}
+        ended = None if self.ending is None else self.ending.sentence
+        shown = {"turns": self.turns, "left": self.left, "view": self.view, "ended": ended, "end": self._end()}
+        about = {"version": self.version, "number": self.number, "waiting": self.waiting, "rules": dict(self.rules)}
+        return {**about, **known, "tools": tools, "scene": scene, **shown}
+
+    def _end(self) -> dict[str, Any] | None:
+        end = self.ending
+        if end is None:
+            return None
+        about = {"correct": end.correct, "key": end.key, "answer": end.answer, "choices": dict(end.choices)}
+        return {**about, "report": end.report is not None}
 
     def change(self) -> None:
         """Increment the version and wake requests that wait for a change."""
@@ -85,8 +124,8 @@ class PageState:
         Raises:
             RefusedRequest: No turn is awaited, a call does not fit its tool's schema, or an answer is ambiguous.
         """
-        if self.ended is not None:
-            raise RefusedRequest(409, f"the episode is over: {self.ended}")
+        if self.ending is not None:
+            raise RefusedRequest(409, f"the episode is over: {self.ending.sentence}")
         if not self.waiting or self.briefing is None:
             raise RefusedRequest(409, "the last iteration is still running; wait for what it returns")
         if not 0 < len(calls) <= MOST_CALLS:
@@ -129,20 +168,48 @@ class PageState:
         self.left = feedback.remaining
         self.change()
 
-    def end(self, sentence: str) -> None:
-        """Show how the episode ended, as a sentence."""
-        self.ended, self.waiting = sentence, False
+    def end(self, ending: Ending) -> None:
+        """Show how the episode ended."""
+        self.ending, self.waiting = ending, False
         self.change()
 
-    def told_end(self) -> None:
-        """Record that the page has received the end of the episode."""
-        if self.ended is not None:
-            self._told.set()
+    def choose(self, choice: str) -> None:
+        """Play on after the end.
 
-    async def told(self, most_s: float) -> None:
-        """Wait until the page has received the end of the episode, at most `most_s` of wall time [s]."""
-        with anyio.move_on_after(most_s):
-            await self._told.wait()
+        Args:
+            choice: One of `Ending.choices`.
+
+        Raises:
+            RefusedRequest: The episode still runs, or offers no such choice.
+        """
+        if self.ending is None or choice not in self.ending.choices:
+            raise RefusedRequest(409, f"{choice[:64]!r} cannot be played now")
+        self._choice = choice
+        self._chosen.set()
+
+    def close(self) -> None:
+        """Leave without an answer if the episode runs, and play nothing afterwards."""
+        self._closed = True
+        self._chosen.set()
+        self.leave()
+
+    async def choice(self, absent_s: float) -> str | None:
+        """Wait for the choice of what to play next; None if the page was closed.
+
+        Args:
+            absent_s: A page that has sent no request for this long counts as closed [s].
+        """
+        while not self._chosen.is_set() and time.monotonic() - self.seen_at < absent_s:
+            with anyio.move_on_after(_LOOK_S):
+                await self._chosen.wait()
+        return None if self._closed else self._choice
+
+    def begin(self) -> None:
+        """Forget the last episode, before the next one is opened."""
+        self.briefing, self.view, self.ending, self.turns, self.left = None, None, None, [], 0
+        self._choice, self._chosen, self._replied, self._gone = None, anyio.Event(), anyio.Event(), False
+        self.number += 1
+        self.change()
 
     async def turn(self) -> Reply:
         """Wait for the person's next turn.

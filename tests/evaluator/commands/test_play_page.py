@@ -1,5 +1,6 @@
 """Tests of a person in a browser: the command with its page over HTTP, and the page in headless Chromium."""
 
+import contextlib
 import re
 import signal
 import subprocess
@@ -49,6 +50,9 @@ class Played:
         assert done.status_code == 204, done.text
 
     def end(self) -> str:
+        """What the command prints until it ends, once the page is closed."""
+        with contextlib.suppress(httpx.HTTPError):
+            self.http.post("close")
         out, _ = self.process.communicate(timeout=300)
         return out
 
@@ -95,6 +99,14 @@ def test_a_scene_is_solved_over_http_recorded_and_graded_like_any_other(tmp_path
         while (last := played.http.get("state", params={"after": version}).json())["ended"] is None:
             version = last["version"]
         assert last["ended"] == "Correct, in 3 of 20 iterations."
+        assert last["end"] == {
+            "correct": True,
+            "key": 7.848,
+            "answer": 7.848,
+            "choices": {"seed": "seed 1", "scene": "scene 8, Two balls on one slope"},
+            "report": True,
+        }
+        assert "Speed of a dropped ball" in played.http.get("report").text
         assert "Correct, in 3 of 20 iterations." in played.end()
     episode = episode_in(tmp_path)
     assert (episode.key.agent, episode.answer, episode.turns[0].reasoning) == ("human", 7.848, "it falls")
@@ -125,13 +137,47 @@ def test_what_is_wrong_is_refused_in_a_sentence_and_costs_nothing(tmp_path: Path
         assert httpx.get(f"{elsewhere}/wrong-token/", trust_env=False).status_code == 404
         named = httpx.get(played.address, headers={"host": "example.org"}, trust_env=False)
         assert (named.status_code, named.json()["error"]) == (403, "this page is for this machine alone")
-        with played.window("two") as second:
-            assert "another window" in second.get("state").json()["error"]
-            assert "another window" in second.post("turn", json={"calls": [STEP]}).json()["error"]
+        assert played.http.get("report").status_code == 404
+        assert played.http.post("next", params={"play": "seed"}).status_code == 409
         assert played.state(waiting=True)["left"] == 20
         assert played.http.post("leave").status_code == 204
+        assert played.state(ended="Nothing was done, and nothing is saved.")["end"]["key"] is None
         assert "nothing is saved" in played.end()
     assert list(tmp_path.iterdir()) == []
+
+
+def test_another_window_is_refused_until_it_takes_over(tmp_path: Path, host_url: str) -> None:
+    with playing(tmp_path, host_url) as played, played.window("two") as second:
+        version = played.state(waiting=True)["version"]
+        assert "another window" in second.get("state").json()["error"]
+        assert "another window" in second.post("turn", json={"calls": [STEP]}).json()["error"]
+        assert second.post("take-over").status_code == 204
+        # The first window learns it from the request that waits for news.
+        assert played.http.get("state", params={"after": version}).status_code == 409
+        assert played.http.post("turn", json={"calls": [STEP]}).status_code == 409
+        assert second.post("turn", json={"calls": [STEP]}).status_code == 204
+        assert second.post("close").status_code == 204
+        assert "in 1 of 20 iterations" in played.end()
+
+
+def test_nothing_of_the_key_is_sent_before_the_answer_and_another_seed_follows(tmp_path: Path, host_url: str) -> None:
+    with playing(tmp_path, host_url) as played:
+        first = played.state(waiting=True)
+        assert (first["end"], first["rules"]) == (None, {"limits": {}, "steps": []})
+        played.turn({"tool": "answer", "arguments": {"answer": 1}})
+        over = played.state(waiting=False)
+        while over["end"] is None:
+            over = played.http.get("state", params={"after": over["version"]}).json()
+        assert (over["end"]["correct"], over["end"]["key"]) == (False, 7.848)
+        assert played.http.post("next", params={"play": "seed"}).status_code == 204
+        second = played.state(waiting=True, number=2)
+        assert (second["ended"], second["end"], second["turns"], second["left"]) == (None, None, [], 20)
+        played.turn(STEP, LOOK)
+        played.state(waiting=True, left=19)
+        assert "in 1 of 20 iterations: no answer" in played.end()
+    episode = episode_in(tmp_path)
+    (following,) = RunFolder(tmp_path / "run-2").episodes().values()
+    assert (episode.key.seed, following.key.seed, following.key.scene) == (0, 1, 7)
 
 
 def test_ctrl_c_leaves_and_a_taken_port_is_one_sentence(tmp_path: Path, host_url: str) -> None:
@@ -162,22 +208,34 @@ def test_a_person_fills_in_a_form_sees_what_came_back_and_answers(tmp_path: Path
         page.visit(played.address)
         page.wait("!document.getElementById('run').disabled")
         fill = "(name, value) => { document.querySelector(`[name='${name}']`).value = value; }"
-        choose = "(name) => { tool.value = name; tool.dispatchEvent(new Event('change')); }"
-        page.run(f"({choose})('step')")
-        page.run(f"({fill})('duration', 'soon')")
-        page.run("document.getElementById('add').click()")
-        assert page.run("document.getElementById('said').textContent") == "duration: soon is not a number"
-        page.run(f"({fill})('duration', '1,500')")
-        page.run("document.getElementById('add').click()")
-        said = "duration: 1,500 can be read in two ways; write 1.500 or 1500"
-        assert page.run("document.getElementById('said').textContent") == said
-        page.run(f"({fill})('duration', '0,8')")
-        page.run("document.getElementById('add').click()")
-        page.run(f"({choose})('get_velocity')")
+        choose = "(name, value) => document.querySelector(`[name='${name}'][value='${value}']`).click()"
+        said = "document.getElementById('said').textContent"
+        for typed, sentence in (
+            ("soon", "duration: soon is not a number"),
+            ("1,500", "duration: 1,500 can be read in two ways; write 1.500 or 1500"),
+            ("100", "duration: 100 is more than 60"),
+        ):
+            page.run(f"({fill})('duration', '{typed}')")
+            page.run("document.getElementById('run').click()")
+            assert page.run(said) == sentence
+        # One click steps and reads; the same again is one click more.
+        page.run(f"({fill})('duration', '0,4')")
+        assert page.run("document.getElementById('run').textContent") == "Step and read 3 calls, 1 iteration"
         page.run("document.getElementById('run').click()")
         page.wait("document.getElementById('budget').textContent === '19 of 20 iterations left'")
-        assert "velocity [0, 0, -7.848]" in page.run("document.getElementById('log').textContent")
-        page.run("document.getElementById('quantity').value = 'object_1 velocity.z'")
+        page.run("document.getElementById('again').click()")
+        page.wait("document.getElementById('budget').textContent === '18 of 20 iterations left'")
+        assert "velocity [0, 0, -7.848] m/s" in page.run("document.getElementById('last').textContent")
+        captions = page.run("[...document.querySelectorAll('figcaption')].map((one) => one.textContent)")
+        assert captions == ["object_1 velocity [m/s]", "object_1 position [m]"]
+        # Components that are left empty are 0.
+        page.run(f"({choose})('group', 'Act')")
+        page.run(f"({choose})('tool', 'set_velocity')")
+        page.run("document.getElementById('add').click()")
+        page.run(f"({choose})('group', 'Build')")
+        page.run(f"({choose})('tool', 'delete_objects')")
+        assert "set_velocity object_1 [0, 0, 0]" in page.run("document.querySelector('.bench-queue').textContent")
+        page.run("document.querySelector('.bench-queue button').click()")
         # The scene can be turned by keyboard, and pointing at the ball tells what was read of it.
         label = "document.querySelector('.lab-label')"
         page.wait(f"{label} !== null && document.querySelector('.lab-clock').textContent === '0.800 s'")
@@ -190,11 +248,19 @@ def test_a_person_fills_in_a_form_sees_what_came_back_and_answers(tmp_path: Path
             f"(({{ x, width, bottom }}) => [x + width / 2, bottom + 10])({label}.getBoundingClientRect())"
         )
         page.send("Input.dispatchMouseEvent", type="mouseMoved", x=corner[0], y=corner[1])
-        page.wait("document.querySelector('.lab-tip').textContent === 'object_1ballvelocity [0, 0, -7.848] at 0.8 s'")
-        page.run(f"({choose})('answer')")
+        page.wait(
+            "document.querySelector('.lab-tip').textContent === 'object_1ballposition [0, 0, 26.8608] m at 0.8 svelocity [0, 0, -7.848] m/s at 0.8 s'"
+        )
+        page.run(f"({fill})('answer', '7,848')")
+        page.run("document.getElementById('give').click()")
+        assert "two ways" in page.run("document.querySelector('#answer .play-said').textContent")
         page.run(f"({fill})('answer', '7.848')")
-        page.run("document.getElementById('run').click()")
-        page.wait("document.getElementById('budget').textContent === 'Correct, in 2 of 20 iterations.'")
+        page.run("document.getElementById('give').click()")
+        assert page.run("document.querySelector('dialog[open]').textContent").startswith("7.848 m/s")
+        page.run("document.getElementById('confirm').click()")
+        page.wait("document.getElementById('budget').textContent === 'Correct, in 3 of 20 iterations.'")
+        assert "Key7.848 m/s" in page.run("document.getElementById('end').textContent")
+        page.run("[...document.querySelectorAll('#end button')].at(-1).click()")
         assert "Correct" in played.end()
         assert [one for one in page.complaints if "GPU stall" not in one] == []
         assert all(address.startswith(played.address) for address in page.requests)

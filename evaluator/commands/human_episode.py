@@ -1,0 +1,126 @@
+"""An episode that a person plays: opened, recorded and graded as any other, from the terminal or from the page."""
+
+import contextlib
+from collections.abc import Generator
+from dataclasses import dataclass
+from pathlib import Path
+
+from rich.console import Console
+
+from evaluator.agents.browser.player import Ending, PageState
+from evaluator.answers.keys import KeyRing
+from evaluator.commands.finishing import report_on
+from evaluator.episode.connect import connect
+from evaluator.episode.loop import play_episode
+from evaluator.episode.player import Agent
+from evaluator.episode.toolbox import Toolboxes, shows_views, view_now
+from evaluator.errors import InfrastructureError, UsageError
+from evaluator.records.episode import Episode, EpisodeKey, Outcome, Verdict
+from evaluator.records.run import Plan
+from evaluator.scores.scored_episode import ScoredEpisode
+from evaluator.scores.scoring import grade_run
+from evaluator.store.run_folder import RunFolder
+from evaluator.study.integrity import seal_note
+from evaluator.study.provenance import run_record, server_record
+from scenes import PackFiles
+
+
+@dataclass(frozen=True, slots=True)
+class Variant:
+    """A variant of a scene, and where its run is recorded."""
+
+    files: PackFiles
+    seed: int
+    folder: RunFolder
+
+
+@dataclass(frozen=True, slots=True)
+class HumanPlay:
+    """The settings of the command that every episode of a person shares."""
+
+    server: str
+    scenes_dir: Path | None
+    budget: int
+    keys: KeyRing
+    console: Console
+
+    def variant(self, files: PackFiles, seed: int, path: Path) -> Variant:
+        """Prepare a variant: its key must exist, and its run folder is created.
+
+        Raises:
+            UsageError: There is no key for this seed.
+            StoreError: The folder holds a run, or cannot be written.
+        """
+        self.keys.key(files.scene_id, seed)
+        folder = RunFolder(path)
+        folder.create(resume=False)
+        return Variant(files, seed, folder)
+
+    async def play(self, variant: Variant, agent: Agent, page: PageState | None = None) -> Episode:
+        """Let the person play. `run.json` is written only if the person took a turn.
+
+        Args:
+            variant: What is played.
+            agent: Agent that passes on the person's calls.
+            page: State of the web page, which receives the views; None in the terminal. Views are not recorded.
+
+        Raises:
+            UsageError: The server cannot be reached.
+        """
+        scene, seed = variant.files.scene_id, variant.seed
+        key = EpisodeKey(scene=scene, seed=seed, agent="human", budget=self.budget)
+        plan = Plan(scenes=(scene,), agents=("human",), budgets=(self.budget,), seeds=(seed,))
+        declared = () if page is None else (shows_views(),)
+        async with contextlib.AsyncExitStack() as stack:
+            laboratory = await stack.enter_async_context(connect(self.server, self.scenes_dir, declared=declared))
+            try:
+                client = await stack.enter_async_context(laboratory.open(scene, seed))
+            except InfrastructureError as error:
+                raise UsageError(str(error)) from error
+            record = run_record(plan, [variant.files], await server_record(client, self.server))
+            toolboxes = None if page is None else Toolboxes(look=page.look)
+            if page is not None:
+                page.view = await view_now(client)
+            episode = await play_episode(agent, client, key, record.versions_of(scene), toolboxes)
+        if episode.turns:
+            variant.folder.write_run(record)
+        return episode
+
+    def finish(self, variant: Variant, episode: Episode) -> Ending:
+        """Record and grade an episode, and print its result. An episode without a turn is not recorded."""
+        folder = variant.folder
+        if episode.outcome is Outcome.AGENT_ERROR and not episode.turns:
+            remove_if_empty(folder)
+            self.console.print("\nNothing was done, and nothing is saved.")
+            return Ending("Nothing was done, and nothing is saved.")
+        folder.append_episode(episode)
+        graded = grade_run(folder, self.keys)
+        report_on(folder, graded.rows, self.keys, seal_note(folder))
+        (row,) = graded.rows
+        self.console.print(f"\n{_verdict(row)}", markup=False, highlight=False)
+        self.console.print(f"run folder: {folder.path}   report: {folder.report_file}", highlight=False, soft_wrap=True)
+        return Ending(_verdict(row), row.is_correct, row.record.answer_key, episode.answer, folder.report_file)
+
+
+@contextlib.contextmanager
+def kept_if_used(folder: RunFolder) -> Generator[None]:
+    """Remove a run folder if the block fails before anything was recorded."""
+    try:
+        yield
+    except BaseException:
+        remove_if_empty(folder)
+        raise
+
+
+def remove_if_empty(folder: RunFolder) -> None:
+    """Remove a run folder in which nothing was recorded."""
+    with contextlib.suppress(OSError):
+        folder.path.rmdir()
+
+
+def _verdict(row: ScoredEpisode) -> str:
+    spent = f"{len(row.episode.turns)} of {row.key.budget} iteration{'s' * (row.key.budget != 1)}"
+    if row.is_correct:
+        return f"Correct, in {spent}."
+    forgiven = " (correct in another form)" if row.grade.normalised is Verdict.CORRECT else ""
+    return f"Not correct{forgiven}, in {spent}: {row.grade.reason}"

@@ -1,0 +1,125 @@
+"""`physment-eval play N --web`: serves the page of a person, who may play further variants after the first one."""
+
+import contextlib
+import functools
+import signal
+import socket
+from collections.abc import Generator, Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import anyio
+import anyio.to_thread
+import uvicorn
+
+from evaluator.agents.browser.app import ABSENT_S, app
+from evaluator.agents.browser.player import BrowserAgent, Ending, PageState
+from evaluator.commands.base import listening, open_page, page_token, run_async
+from evaluator.commands.human_episode import HumanPlay, Variant, kept_if_used
+from scenes import PackError, PackFiles, is_world, list_packs
+from scenes.public import read_public
+
+_LINGER_S = 1.0
+"""Time for open requests of the page after the last episode [s]."""
+_LEAVING = (signal.SIGINT, signal.SIGTERM)
+
+
+def play_in_browser(play: HumanPlay, first: Variant, port: int, *, opens: bool) -> None:
+    """Let the person play in the browser, until the page is closed or Ctrl-C.
+
+    Args:
+        play: Settings of the command.
+        first: The first variant.
+        port: Port of the page; 0 for any free one.
+        opens: Whether to open the page in a browser.
+
+    Raises:
+        UsageError: The port is taken, or the server cannot be reached.
+    """
+    token = page_token()
+    with listening("127.0.0.1", port) as listener:
+        address = f"http://127.0.0.1:{listener.getsockname()[1]}/{token}/"
+        print(f"play at {address} (Ctrl-C leaves)", flush=True)
+        if opens:
+            open_page(address)
+        run_async(lambda: _serve(listener, token, play, first))
+
+
+async def _serve(listener: socket.socket, token: str, play: HumanPlay, first: Variant) -> None:
+    page = PageState()
+    config = uvicorn.Config(
+        app(page, token), log_config=None, log_level="warning", lifespan="off", timeout_graceful_shutdown=1
+    )
+    server = _Server(config)
+    async with anyio.create_task_group() as tasks:
+        tasks.start_soon(functools.partial(server.serve, sockets=[listener]))
+        tasks.start_soon(_close_when_signalled, page)
+        await _play_all(page, play, first)
+        await anyio.sleep(_LINGER_S)
+        server.should_exit = True
+        # The server ends open requests when it stops; leaving the block ends the wait for signals.
+        await anyio.sleep(0.2)
+        tasks.cancel_scope.cancel()
+
+
+async def _play_all(page: PageState, play: HumanPlay, first: Variant) -> None:
+    """Play the first variant, and then those that the person chooses on the page."""
+    names = _folders(first.folder.path)
+    variant = first
+    while True:
+        public = read_public(variant.files)
+        limits = {} if public.limits is None else public.limits.model_dump(exclude_none=True)
+        page.rules = {"limits": limits, "steps": [step.model_dump() for step in public.steps]}
+        with kept_if_used(variant.folder):
+            episode = await play.play(variant, BrowserAgent(page), page)
+        ending = await anyio.to_thread.run_sync(play.finish, variant, episode)
+        following = _following(variant.files, play.scenes_dir)
+        page.end(_with_choices(ending, variant, following))
+        choice = await page.choice(ABSENT_S)
+        if choice is None:
+            return
+        files, seed = (following or variant.files, 0) if choice == "scene" else (variant.files, variant.seed + 1)
+        variant = play.variant(files, seed, next(names))
+        page.begin()
+
+
+def _with_choices(ending: Ending, variant: Variant, following: PackFiles | None) -> Ending:
+    choices = {"seed": f"seed {variant.seed + 1}"}
+    if following is not None:
+        choices["scene"] = f"scene {following.scene_id}, {read_public(following).name}"
+    return replace(ending, choices=choices)
+
+
+def _following(files: PackFiles, scenes_dir: Path | None) -> PackFiles | None:
+    """The pack with the next id; None after the last one, and for a world."""
+    if is_world(files.scene_id):
+        return None
+    with contextlib.suppress(PackError):
+        return next((found for found in list_packs(scenes_dir) if found.scene_id > files.scene_id), None)
+    return None
+
+
+def _folders(first: Path) -> Iterator[Path]:
+    """Names of further run folders beside the first one: `NAME-2`, `NAME-3` and so on, those that do not exist."""
+    number = 2
+    while True:
+        path = first.with_name(f"{first.name}-{number}")
+        if not path.exists():
+            yield path
+        number += 1
+
+
+async def _close_when_signalled(page: PageState) -> None:
+    # Windows event loops do not support signal receivers.
+    with contextlib.suppress(NotImplementedError), anyio.open_signal_receiver(*_LEAVING) as signals:
+        async for _ in signals:
+            page.close()
+
+
+class _Server(uvicorn.Server):
+    """A uvicorn server without signal handlers. The command handles signals, because it first records the episode."""
+
+    @contextlib.contextmanager
+    def capture_signals(self) -> Generator[None]:
+        """Override that installs no handlers."""
+        yield
