@@ -15,7 +15,7 @@ import pytest
 
 from evaluator.records.episode import Episode, Outcome
 from evaluator.store.run_folder import RunFolder
-from tests.builders.chromium import SOFTWARE_WEBGL, chromium, installed
+from tests.builders.chromium import SOFTWARE_WEBGL, Page, chromium, installed
 
 PROGRAM = installed()
 STEP = {"tool": "step", "arguments": {"duration": 0.8}}
@@ -197,6 +197,53 @@ def test_ctrl_c_leaves_and_a_taken_port_is_one_sentence(tmp_path: Path, host_url
     assert len(episode.turns) == 1
 
 
+FILL = "(name, value) => { document.querySelector(`[name='${name}']`).value = value; }"
+CHOOSE = "(name, value) => document.querySelector(`[name='${name}'][value='${value}']`).click()"
+READ = "ballposition [0, 0, 26.8608] m at 0.8 svelocity [0, 0, -7.848] m/s at 0.8 s"
+
+
+def experiment_with(page: Page) -> None:
+    for typed, sentence in (
+        ("soon", "duration: soon is not a number"),
+        ("1,500", "duration: 1,500 can be read in two ways; write 1.500 or 1500"),
+        ("100", "duration: 100 is more than 60"),
+    ):
+        page.run(f"({FILL})('duration', '{typed}')")
+        page.run("document.getElementById('run').click()")
+        assert page.run("document.getElementById('said').textContent") == sentence
+    # One click steps and reads; the same again is one click more.
+    page.run(f"({FILL})('duration', '0,4')")
+    assert page.run("document.getElementById('run').textContent") == "Step and read 3 calls, 1 iteration"
+    page.run("document.getElementById('run').click()")
+    page.wait("document.getElementById('budget').textContent === '19 of 20 iterations left'")
+    page.run("document.getElementById('again').click()")
+    page.wait("document.getElementById('budget').textContent === '18 of 20 iterations left'")
+    assert "velocity [0, 0, -7.848] m/s" in page.run("document.getElementById('last').textContent")
+    captions = page.run("[...document.querySelectorAll('figcaption')].map((one) => one.textContent)")
+    assert captions == ["object_1 velocity [m/s]", "object_1 position [m]"]
+    # Components that are left empty are 0.
+    page.run(f"({CHOOSE})('group', 'Act')")
+    page.run(f"({CHOOSE})('tool', 'set_velocity')")
+    page.run("document.getElementById('add').click()")
+    page.run(f"({CHOOSE})('group', 'Build')")
+    page.run(f"({CHOOSE})('tool', 'delete_objects')")
+    assert "set_velocity object_1 [0, 0, 0]" in page.run("document.querySelector('.bench-queue').textContent")
+    page.run("document.querySelector('.bench-queue button').click()")
+
+
+def answer_with(page: Page) -> None:
+    page.run(f"({FILL})('answer', '7,848')")
+    page.run("document.getElementById('give').click()")
+    assert "two ways" in page.run("document.querySelector('#answer .play-said').textContent")
+    page.run(f"({FILL})('answer', '7.848')")
+    page.run("document.getElementById('give').click()")
+    assert page.run("document.querySelector('dialog[open]').textContent").startswith("7.848 m/s")
+    page.run("document.getElementById('confirm').click()")
+    page.wait("document.getElementById('budget').textContent === 'Correct, in 3 of 20 iterations.'")
+    assert "Key7.848 m/s" in page.run("document.getElementById('end').textContent")
+    page.run("[...document.querySelectorAll('#end button')].at(-1).click()")
+
+
 @pytest.mark.skipif(PROGRAM is None, reason="Chromium is not installed")
 def test_a_person_fills_in_a_form_sees_what_came_back_and_answers(tmp_path: Path, host_url: str) -> None:
     assert PROGRAM
@@ -207,35 +254,7 @@ def test_a_person_fills_in_a_form_sees_what_came_back_and_answers(tmp_path: Path
         page.send("Emulation.setEmulatedMedia", features=[{"name": "prefers-reduced-motion", "value": "reduce"}])
         page.visit(played.address)
         page.wait("!document.getElementById('run').disabled")
-        fill = "(name, value) => { document.querySelector(`[name='${name}']`).value = value; }"
-        choose = "(name, value) => document.querySelector(`[name='${name}'][value='${value}']`).click()"
-        said = "document.getElementById('said').textContent"
-        for typed, sentence in (
-            ("soon", "duration: soon is not a number"),
-            ("1,500", "duration: 1,500 can be read in two ways; write 1.500 or 1500"),
-            ("100", "duration: 100 is more than 60"),
-        ):
-            page.run(f"({fill})('duration', '{typed}')")
-            page.run("document.getElementById('run').click()")
-            assert page.run(said) == sentence
-        # One click steps and reads; the same again is one click more.
-        page.run(f"({fill})('duration', '0,4')")
-        assert page.run("document.getElementById('run').textContent") == "Step and read 3 calls, 1 iteration"
-        page.run("document.getElementById('run').click()")
-        page.wait("document.getElementById('budget').textContent === '19 of 20 iterations left'")
-        page.run("document.getElementById('again').click()")
-        page.wait("document.getElementById('budget').textContent === '18 of 20 iterations left'")
-        assert "velocity [0, 0, -7.848] m/s" in page.run("document.getElementById('last').textContent")
-        captions = page.run("[...document.querySelectorAll('figcaption')].map((one) => one.textContent)")
-        assert captions == ["object_1 velocity [m/s]", "object_1 position [m]"]
-        # Components that are left empty are 0.
-        page.run(f"({choose})('group', 'Act')")
-        page.run(f"({choose})('tool', 'set_velocity')")
-        page.run("document.getElementById('add').click()")
-        page.run(f"({choose})('group', 'Build')")
-        page.run(f"({choose})('tool', 'delete_objects')")
-        assert "set_velocity object_1 [0, 0, 0]" in page.run("document.querySelector('.bench-queue').textContent")
-        page.run("document.querySelector('.bench-queue button').click()")
+        experiment_with(page)
         # The scene can be turned by keyboard, and pointing at the ball tells what was read of it.
         label = "document.querySelector('.lab-label')"
         page.wait(f"{label} !== null && document.querySelector('.lab-clock').textContent === '0.800 s'")
@@ -251,16 +270,7 @@ def test_a_person_fills_in_a_form_sees_what_came_back_and_answers(tmp_path: Path
         page.wait(
             "document.querySelector('.lab-tip').textContent === 'object_1ballposition [0, 0, 26.8608] m at 0.8 svelocity [0, 0, -7.848] m/s at 0.8 s'"
         )
-        page.run(f"({fill})('answer', '7,848')")
-        page.run("document.getElementById('give').click()")
-        assert "two ways" in page.run("document.querySelector('#answer .play-said').textContent")
-        page.run(f"({fill})('answer', '7.848')")
-        page.run("document.getElementById('give').click()")
-        assert page.run("document.querySelector('dialog[open]').textContent").startswith("7.848 m/s")
-        page.run("document.getElementById('confirm').click()")
-        page.wait("document.getElementById('budget').textContent === 'Correct, in 3 of 20 iterations.'")
-        assert "Key7.848 m/s" in page.run("document.getElementById('end').textContent")
-        page.run("[...document.querySelectorAll('#end button')].at(-1).click()")
+        answer_with(page)
         assert "Correct" in played.end()
         assert [one for one in page.complaints if "GPU stall" not in one] == []
         assert all(address.startswith(played.address) for address in page.requests)
