@@ -30,7 +30,7 @@ _FILMS_EACH = 8
 """Smallest number of films that is worth another process, which takes about a second to start."""
 
 _DESCRIPTION = f"""\
-Make films of stored episodes for the report: each is played again in this process, and what its agent could see is kept
+Make films of stored episodes for the report: each is played again, and what its agent could see is kept
 in a small file. If the laboratory returns anything but what is stored, to the last bit, that film is refused.
 
   physment-eval film runs/mine                              every episode that has no film yet
