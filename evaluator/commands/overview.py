@@ -45,7 +45,7 @@ Let agents experiment in the PhysMent laboratory over MCP, grade their answers, 
 A run is a folder: run.json, episodes.jsonl, grades.jsonl, summary.json, report.html.
 Exit code: 0 all episodes are recorded, or all scenes are sound; 1 some are not; 2 wrong usage; 130 interrupted.
 """
-"""First paragraphs of `physment-eval --help` and `physment-eval run --help`."""
+"""First paragraphs of `physment-eval --help`."""
 
 COMMANDS: dict[str, tuple[str, str]] = {
     "run": ("run", "play episodes (the default)"),

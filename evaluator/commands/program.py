@@ -195,6 +195,8 @@ def parsed(argv: Sequence[str]) -> argparse.Namespace:
     from evaluator.commands.overview import COMMANDS  # noqa: PLC0415
 
     words = list(argv)
+    if words[:1] == ["play"] and sys.stderr.isatty() and not {"-h", "--help"} & set(words):
+        _note("opens the laboratory …")  # at once: the modules of the command take seconds to import
     # `run` is the default command: insert it if the first word is an option.
     if not words or (words[0].startswith("-") and words[0] not in {"-h", "--help", "--version"}):
         words.insert(0, "run")

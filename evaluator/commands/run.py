@@ -10,7 +10,6 @@ from rich.console import Console
 from evaluator.answers.keys import KeyRing
 from evaluator.certify.records import engine_note
 from evaluator.commands.base import Commands
-from evaluator.commands.overview import DESCRIPTION
 from evaluator.commands.playing import PreparedRun, create_folder, play_run
 from evaluator.commands.run_options import add_options, read_options
 from evaluator.commands.telemetry import require_otel
@@ -22,6 +21,22 @@ from evaluator.study.ray_executor import require_ray
 from evaluator.study.run_config import Meter
 from evaluator.study.shards import WHOLE, Shard
 from scenes import USUAL_TIMESTEP_S, PackError, PackFiles, default_folder, timestep_of
+
+_DESCRIPTION = """\
+Play agents in scenes, grade their answers, and write the report. The word `run` may be left out.
+
+  physment-eval run --server stdio                 the reference agent in every scene
+  physment-eval run --server host --agent blind --seeds 1-20 --concurrency 8
+  physment-eval run --agent scripted:turns.json --scenes 7,21 --budgets 5,10
+  physment-eval run --agent model:gpt-5.5 --budgets 5,10,15,20 --server host --concurrency 50 --max-cost 100
+  physment-eval run --agent external --scenes 7 -- my-agent --mcp-config {mcp_config} {prompt}
+  physment-eval run --config study.toml --dry-run  the size of a study, without playing it
+  physment-eval run --out runs/mine --resume       continue after an interruption (same options)
+
+The matrix is every agent in every scene at every seed and budget. A run is a folder: run.json, episodes.jsonl,
+grades.jsonl, summary.json, report.html. `physment-eval --help` lists the other commands.
+Exit code: 0 all episodes are recorded; 1 some are not; 2 wrong usage; 130 interrupted.
+"""
 
 CHARACTERS_PER_TOKEN = 4
 """Characters per token, a rule of thumb for English and JSON."""
@@ -75,7 +90,7 @@ def add(commands: Commands) -> None:
     """Declare `run`, the default command. Its help text is that of the whole program."""
     run = commands.add_parser(
         "run",
-        description=DESCRIPTION,
+        description=_DESCRIPTION,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     run.set_defaults(run=_run)

@@ -1,6 +1,7 @@
 """The command line options of `run`, and their conversion to a `RunConfig`."""
 
 import argparse
+import math
 import os
 from collections.abc import Mapping
 from pathlib import Path
@@ -45,6 +46,10 @@ if TYPE_CHECKING:
     from argparse import _ArgumentGroup as ArgumentGroup  # pyright: ignore[reportPrivateUsage] - has no public name
 
 
+MOST_EPISODES = 1_000_000
+"""Largest matrix of a run. Its keys are made before the first episode."""
+
+
 def read_options(args: argparse.Namespace, environ: Mapping[str, str] = os.environ) -> RunConfig:
     """Convert parsed options to a `RunConfig`.
 
@@ -57,7 +62,7 @@ def read_options(args: argparse.Namespace, environ: Mapping[str, str] = os.envir
     """
     check_sealed(args)
     split, packs, seeds = _selected(args)
-    return RunConfig(
+    config = RunConfig(
         agents=tuple(args.agent or ["reference"]),
         scenes_dir=args.scenes_dir,
         server=args.server,
@@ -92,6 +97,23 @@ def read_options(args: argparse.Namespace, environ: Mapping[str, str] = os.envir
         otel=args.otel,
         as_json=args.json,
     )
+    _check_size(config)
+    return config
+
+
+def _check_size(config: RunConfig) -> None:
+    """Refuse a matrix whose keys alone would fill the memory.
+
+    Raises:
+        UsageError: The matrix has more than `MOST_EPISODES` episodes.
+    """
+    sizes = (config.agents, config.packs, config.seeds, config.budgets, config.promptings, config.protocols)
+    total = math.prod(map(len, sizes)) * config.epochs
+    if total > MOST_EPISODES:
+        raise UsageError(
+            f"{len(config.packs)} scenes, {len(config.seeds):,} seeds and the other options make {total:,} episodes; a"
+            f" run has at most {MOST_EPISODES:,}: choose fewer with --scenes and --seeds"
+        )
 
 
 def _selected(args: argparse.Namespace) -> Selected:

@@ -161,18 +161,27 @@ def _rung(files: PackFiles) -> Rung | None:
     return category.rung if category else None
 
 
+MOST_NUMBERS = 1_000_000
+"""Largest number of values that a range of an option may have."""
+
+
 def parse_numbers(text: str, option: str, least: int) -> tuple[int, ...]:
     """Parse whole numbers and ranges separated by commas, such as `0,3-5`. Keeps their order and drops duplicates.
 
     Raises:
-        UsageError: A part is not a whole number or range, or is below `least`.
+        UsageError: A part is not a whole number or range, is below `least`, or has more than `MOST_NUMBERS` numbers.
     """
     numbers: list[int] = []
     for part in text.split(","):
         low, dash, high = part.strip().partition("-")
         if not low.isdecimal() or (dash and not high.isdecimal()):
             raise UsageError(f"{option} {part.strip() or text}: write whole numbers and ranges such as 5,10 or 0-9")
-        numbers += range(int(low), int(high or low) + 1)
+        found = range(int(low), int(high or low) + 1)
+        if int(high or low) - int(low) >= MOST_NUMBERS:
+            raise UsageError(
+                f"{option} {part.strip()}: names more than {MOST_NUMBERS:,} numbers; write a shorter range"
+            )
+        numbers += found
     if not numbers or min(numbers) < least:
         raise UsageError(f"{option} {text}: must be {least} or more")
     return tuple(dict.fromkeys(numbers))

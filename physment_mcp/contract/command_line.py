@@ -48,7 +48,17 @@ class SentenceParser(argparse.ArgumentParser):
             if word == "--" or word in commands:
                 return  # the arguments after `--` belong to another program
             if option.startswith("--") and " " not in option and not any(one.startswith(option) for one in options):
-                self.error(f"there is no option {option}{did_you_mean(option, options)}")
+                self.error(f"there is no option {option}{self._nearest(option.removeprefix('--'), options)}")
+
+    def _nearest(self, word: str, options: Sequence[str]) -> str:
+        """Suggest the option, or the argument without dashes, whose name is nearest to a misspelled one."""
+        given = {action.dest: action for action in self._actions if not action.option_strings and action.dest != "help"}
+        close = difflib.get_close_matches(word, [*given, *(option.removeprefix("--") for option in options)], n=1)
+        if not close or close[0] not in given:
+            return f"; did you mean --{close[0]}?" if close else ""
+        action = given[close[0]]
+        example = next(iter(action.choices)) if action.choices else action.metavar or action.dest.upper()
+        return f"; {action.dest} is written without dashes: {self.prog} {example}"
 
     def _check_value(self, action: argparse.Action, value: Any) -> None:
         if action.choices is None or value in action.choices:

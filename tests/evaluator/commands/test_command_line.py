@@ -138,6 +138,8 @@ def test_a_run_of_several_agents_names_each_and_pools_none(tmp_path: Path, host_
         (["--scenes", "999"], "there is no such scene"),
         (["--agent", "genius"], "there is no such agent"),
         (["--seeds", "x"], "--seeds x: write whole numbers"),
+        (["--seeds", "1-999999999"], "--seeds 1-999999999: names more than 1,000,000 numbers; write a shorter range"),
+        (["--seeds", "1-900000", "--epochs", "2"], "make 1,800,000 episodes; a run has at most 1,000,000"),
         (["--resume"], "--resume needs the folder"),
         (["--server", "no-such-program --scene {scene}"], "the server command 'no-such-program --scene 7' failed"),
         (["--server", f"{sys.executable} -c raise(SystemExit('no-licence'))"], "no-licence"),
@@ -172,6 +174,15 @@ def test_wrong_usage_gives_one_sentence_and_leaves_no_files(
             "there is no option --sede; did you mean --seed? (see physment-eval scenes show --help)",
         ),
         (["--scne", "7"], "there is no option --scne; did you mean --scene? (see physment-eval run --help)"),
+        (
+            ["play", "--scnee", "7"],
+            "there is no option --scnee; scene is written without dashes: physment-eval play N"
+            " (see physment-eval play --help)",
+        ),
+        (
+            ["play", "--bugdet", "7"],
+            "there is no option --bugdet; did you mean --budget? (see physment-eval play --help)",
+        ),
         (["watch"], "the following arguments are required: DIR (see physment-eval watch --help)"),
     ],
 )

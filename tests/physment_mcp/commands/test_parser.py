@@ -16,6 +16,11 @@ from physment_mcp.commands.program import main
         (["sevre"], "there is no command sevre; did you mean serve? (see physment-mcp --help)"),
         (["--scne", "7"], "there is no option --scne; did you mean --scene? (see physment-mcp --help)"),
         (["serve", "--prt", "8"], "there is no option --prt; did you mean --port? (see physment-mcp serve --help)"),
+        (
+            ["config", "--clent", "cursor"],
+            "there is no option --clent; client is written without dashes: physment-mcp config claude-desktop"
+            " (see physment-mcp config --help)",
+        ),
         (["--scene", "seven"], "argument --scene: seven is not a whole number (see physment-mcp --help)"),
         (["--timestep", "x"], "argument --timestep: x is not a number above 0 (see physment-mcp --help)"),
     ],
