@@ -14,7 +14,7 @@ from tests.builders.paths import DOCS, ROOT
 
 PACKAGES = ("physment_mcp", "evaluator", "scenes")
 MODULE_LINES, FUNCTION_LINES = 340, 60
-EVALUATOR_FLOORS = 8
+EVALUATOR_LAYERS = 8
 
 NEVER = {
     "physment_mcp": {"evaluator", "scenes.protocol", "solution"},
@@ -49,33 +49,33 @@ MODULE_RULES = {
     "evaluator/scores/failures": {"pathlib", "os", "evaluator.answers.keys", "evaluator.store"},
     "evaluator/episode/protocols": {"mcp", "pathlib"},
 }
-"""Rules narrower than a room: module or folder → what it may not import."""
+"""Rules for parts of a component: module or folder → what it may not import."""
 
 
 @dataclass(frozen=True)
-class Room:
+class Component:
     """A row of the tables in the architecture page."""
 
-    floor: int
+    layer: int
     purpose: str
     forbidden: frozenset[str]
 
 
-def rooms_of(page: str) -> dict[str, dict[str, Room]]:
-    """Package → room → its row, from the text of the architecture page."""
-    found: dict[str, dict[str, Room]] = {}
+def components_of(page: str) -> dict[str, dict[str, Component]]:
+    """Package → component → its row, from the text of the architecture page."""
+    found: dict[str, dict[str, Component]] = {}
     for section in re.split(r"^### ", page, flags=re.MULTILINE)[1:]:
         package = re.match(r"`(\w+)`", section)
         assert package, section[:40]
         rows = re.findall(r"^\| (\d+) \| `([\w/]+)` \| (.+?) \| ?(.*?) ?\|$", section, flags=re.MULTILINE)
         found[package[1]] = {
-            name.rstrip("/"): Room(int(floor), purpose, frozenset(re.findall(r"`([\w.]+)`", forbidden)))
-            for floor, name, purpose, forbidden in rows
+            name.rstrip("/"): Component(int(layer), purpose, frozenset(re.findall(r"`([\w.]+)`", forbidden)))
+            for layer, name, purpose, forbidden in rows
         }
     return found
 
 
-ROOMS = rooms_of((DOCS / "explanation" / "architecture.md").read_text(encoding="utf-8"))
+COMPONENTS = components_of((DOCS / "explanation" / "architecture.md").read_text(encoding="utf-8"))
 
 
 def modules() -> list[Path]:
@@ -105,31 +105,32 @@ def under_module(name: str, module: str) -> bool:
     return name == module or name.startswith(f"{module}.")
 
 
-def room_of(module: str) -> str | None:
-    """The room of a module or name with dots, such as `evaluator.answers.keys`; None for a package's own `__init__`."""
+def component_of(module: str) -> str | None:
+    """Return the component of a dotted name such as `evaluator.answers.keys`; None for a package's `__init__`."""
     package, _, rest = module.partition(".")
     name = rest.split(".")[0]
-    return name if name in ROOMS.get(package, {}) else None
+    return name if name in COMPONENTS.get(package, {}) else None
 
 
 def violations(path: str, source: str) -> list[str]:
     """Return the rules that the imports of the module at `path` break."""
     imported = sorted(set(imports(source)))
-    package, room = path.split("/", maxsplit=1)[0], room_of(dotted(Path(path)))
+    package, component = path.split("/", maxsplit=1)[0], component_of(dotted(Path(path)))
     forbidden: set[str] = set() if path.startswith(PRIVILEGED) else set(NEVER[package])
     if package != "physment_mcp":
         imported = [module for module in imported if not under_module(module, CONTRACT)]
     forbidden |= {one for part, rule in MODULE_RULES.items() if under(path, part) for one in rule}
     forbidden |= {one for one, allowed in ONLY_THERE.items() if not any(under(path, part) for part in allowed)}
-    if room:
-        forbidden |= ROOMS[package][room].forbidden
+    if component:
+        forbidden |= COMPONENTS[package][component].forbidden
     found = [f"{path} imports {module}" for module in imported if any(under_module(module, one) for one in forbidden)]
-    if room:
+    if component:
+        layers = {name: row.layer for name, row in COMPONENTS[package].items()}
         found += [
-            f"{path} on floor {ROOMS[package][room].floor} imports {module} on floor {ROOMS[package][other].floor}"
+            f"{path} in layer {layers[component]} imports {module} in layer {layers[other]}"
             for module in imported
-            if module.startswith(f"{package}.") and (other := room_of(module)) and other != room
-            if ROOMS[package][other].floor >= ROOMS[package][room].floor
+            if module.startswith(f"{package}.") and (other := component_of(module)) and other != component
+            if layers[other] >= layers[component]
         ]
     return found
 
@@ -233,26 +234,26 @@ def test_a_planted_circle_between_two_folders_is_caught() -> None:
 
 
 @pytest.mark.parametrize("package", PACKAGES)
-def test_the_architecture_page_lists_every_room_of_a_package_and_no_other(package: str) -> None:
+def test_the_architecture_page_lists_every_component_of_a_package_and_no_other(package: str) -> None:
     found = {
         path.parts[1].removesuffix(".py")
         for path in modules()
         if path.parts[0] == package and path.parts[1] != "__init__.py"
     }
-    assert set(ROOMS[package]) == found
-    assert all(room.purpose.endswith(".") for room in ROOMS[package].values())
+    assert set(COMPONENTS[package]) == found
+    assert all(component.purpose.endswith(".") for component in COMPONENTS[package].values())
 
 
 def test_the_evaluator_has_no_more_than_eight_floors() -> None:
-    assert max(room.floor for room in ROOMS["evaluator"].values()) <= EVALUATOR_FLOORS
+    assert max(component.layer for component in COMPONENTS["evaluator"].values()) <= EVALUATOR_LAYERS
 
 
 @pytest.mark.parametrize("package", PACKAGES)
 def test_a_room_lies_directly_above_the_highest_room_that_it_imports(package: str) -> None:
     graph = imports_between(all_sources(), package)
-    floors = {f"{package}.{name}": room.floor for name, room in ROOMS[package].items()}
-    lowest = {name: 1 + max((floors[other] for other in below), default=0) for name, below in graph.items()}
-    assert {name: floors[name] for name in graph} == lowest
+    layers = {f"{package}.{name}": component.layer for name, component in COMPONENTS[package].items()}
+    lowest = {name: 1 + max((layers[other] for other in below), default=0) for name, below in graph.items()}
+    assert {name: layers[name] for name in graph} == lowest
 
 
 def test_nothing_inside_a_package_imports_the_package_itself() -> None:

@@ -26,7 +26,7 @@ class Row(BaseModel):
 
     item: str
     asks: str
-    """What it asks for, in our words."""
+    """The requirement, paraphrased."""
     status: Literal["met", "partly", "not met", "does not apply"]
     evidence: tuple[str, ...] = ()
     """Tests as `path::function`, pages as paths, commands as they are typed."""
@@ -42,8 +42,8 @@ _HEAD = """\
 # Audit against published checklists
 
 Made by `python -m tests.harness.audit` from `tests/harness/audit.toml`; do not edit. The command and a test refuse a
-row whose test, page or command is gone. That an item is met is our own judgement. The items are in our words: read the
-sources before you rely on a row.
+row whose test, page or command does not exist. The statuses are the project's own judgement. The items are
+paraphrased: read the sources before you rely on a row.
 """
 _ABC = """\
 Zhu et al. 2025, *Establishing Best Practices for Building Rigorous Agentic Benchmarks*,

@@ -1,4 +1,4 @@
-"""Figures of the structure: lines of Python, rooms and arrows, imports per 100 lines, the paths of a run and of a call.
+"""Figures of the structure: lines of Python, components and the imports between them, files of a run and of a call.
 
 python -m tests.harness.structure
 """
@@ -134,7 +134,7 @@ def main() -> int:
         graph = imports_between(all_sources(), package)
         arrows = sum(len(below) for below in graph.values())
         share = imports_per_100_lines(package)
-        print(f"{package}: {len(graph)} rooms, {arrows} arrows, {share:.1f} imports per 100 lines of code")
+        print(f"{package}: {len(graph)} components, {arrows} arrows, {share:.1f} imports per 100 lines of code")
     found = files_of_a_run(RUN)
     print(f"a run of one scene calls functions of {len(found)} files of evaluator:", *found, sep="\n  ")
     found = files_of_a_call()
