@@ -12,6 +12,12 @@ const PAGES = [
   { source: "app", target: "physment_mcp/serving/lab.html" },
   // Talks to the command that serves it.
   { source: "play", target: "evaluator/agents/browser/play.html", connects: "connect-src 'self'; " },
+  // The same, and shows the app in a frame.
+  {
+    source: "preview",
+    target: "physment_mcp/commands/preview.html",
+    connects: "connect-src 'self'; frame-src 'self'; ",
+  },
 ];
 const SCRIPTS = [{ source: "film", target: "evaluator/report/film.js" }];
 

@@ -14,7 +14,7 @@ from typing import NoReturn
 
 import anyio
 
-from physment_mcp.commands import bundle, config, export, fork_server, serve
+from physment_mcp.commands import bundle, config, export, fork_server, preview, serve
 from physment_mcp.commands.base import common_options, observations, scene_id, timestep, whole_number
 from physment_mcp.contract.command_line import SentenceParser
 from physment_mcp.errors import SceneError, UsageError
@@ -69,7 +69,7 @@ def parser() -> argparse.ArgumentParser:
     timestep(words)
     words.set_defaults(run=_stdio)
     commands = words.add_subparsers(metavar="COMMAND")
-    for command in (serve, export, config, bundle):
+    for command in (serve, export, config, bundle, preview):
         command.add(commands)
     fork_server.add(commands, main)
     return words

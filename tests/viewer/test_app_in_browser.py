@@ -61,19 +61,21 @@ def test_the_app_shows_the_scene_plays_the_step_and_asks_nobody(host: Path, brow
     app, step, refused, view = anyio.run(_results)
     shot = tmp_path / "shot.png"
     browser.open(host)
-    browser.run(f"host.open({json.dumps(app)}, 'light', {json.dumps(view)})")
     empty = pixels(browser, shot)
-    browser.run(f"host.give({json.dumps(step)})")
-    browser.wait("host.said.length > 0")
-    (told,) = browser.run("host.said")
-    assert (told["drawn"], told["flat"]) == (1, browser.flat)  # type: ignore[attr-defined]
-    # The ball is red, and nothing red was there before.
+    browser.run(f"host.open({json.dumps(app)}, 'light', {json.dumps(view)})")
+    # The ball is red. It is seen as soon as the app opens, and nothing red was there before.
     assert red(empty) == 0
+    seen(browser, shot, lambda picture: red(picture) > 200)
+    assert browser.run("host.said") == [{"read": VIEW_URI}]
+    browser.run(f"host.give({json.dumps(step)})")
+    browser.wait("host.said.length > 1")
+    _, told = browser.run("host.said")
+    assert (told["drawn"], told["flat"]) == (1, browser.flat)  # type: ignore[attr-defined]
     light = seen(browser, shot, lambda picture: red(picture) > 200)
     assert any(plays(browser, step, shot) for _ in range(5))
     # After a refusal the app asks what may be seen now, and shows the sentence.
     browser.run(f"host.give({json.dumps(refused)})")
-    browser.wait("host.said.some((one) => one.read === 'physment://view')")
+    browser.wait("host.said.filter((one) => one.read === 'physment://view').length === 2")
     browser.run("host.dress('dark')")
     assert light.mean() > 200
     seen(browser, shot, lambda picture: picture.mean() < 100 and red(picture) > 200)

@@ -28,7 +28,10 @@ function dress(context: Partial<McpUiHostContext> | undefined): void {
   panel.setDark(dark);
 }
 
+let wasShown = false;
+
 async function show(result: Result): Promise<void> {
+  wasShown = true;
   const view = viewIn(result._meta) ?? (await viewNow());
   if (view) panel.show(view);
   const text = result.content.find((part) => part.type === "text")?.text ?? "";
@@ -77,3 +80,6 @@ prefersDark.addEventListener("change", () => dress(app.getHostContext()));
 dress(undefined);
 await app.connect();
 dress(app.getHostContext());
+// The scene is seen as soon as the app opens; a result that came meanwhile is newer.
+const atOpening = await viewNow();
+if (atOpening && !wasShown) panel.show(atOpening, false);

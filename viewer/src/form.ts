@@ -66,7 +66,7 @@ function fieldOf(name: string, schema: Schema, required: boolean, objects: Known
   if (schema.enum) return choice(name, schema, schema.enum);
   if (kinds.has("boolean")) return checkbox(name, schema);
   const list = forms.find((form) => form.type === "array");
-  if (list) return vector(name, schema, list, required);
+  if (list?.maxItems !== undefined && COMPONENTS[list.maxItems]) return vector(name, schema, list, required);
   if (kinds.has("number")) return number(name, schema, required);
   return text(name, schema, required);
 }
