@@ -9,7 +9,8 @@ import pytest
 from jsonschema import Draft202012Validator
 from pydantic import BaseModel, TypeAdapter
 
-from evaluator.records.episode import Episode, EvidenceRecord, GradeRecord, Record
+from evaluator.records.episode import Episode, GradeRecord, Record
+from evaluator.records.evidence import EvidenceRecord
 from evaluator.records.run import RunRecord
 from evaluator.report.export import markdown_table
 from evaluator.scores.comparison import Comparison

@@ -26,9 +26,10 @@ from numpy.typing import NDArray
 
 from evaluator.agents.reference import calls_and_readings
 from evaluator.certify.constants import Constants
-from evaluator.certify.probing import Array, NotMeasurable, Read, calls_of, joined, numbers, replayed
+from evaluator.certify.probing import Array, NotMeasurable, Read, joined, numbers, replayed
 from evaluator.certify.subject import Subject
-from evaluator.records.episode import SUFFICIENT, CallEvidence, Episode, EvidenceRecord, Rival
+from evaluator.records.episode import Episode
+from evaluator.records.evidence import SUFFICIENT, CallEvidence, EvidenceRecord, Rival
 from physment_mcp.errors import SceneError
 from scenes import AnswerKind, KnobValue, PackError
 from scenes.family import EXCLUDED_SIGMAS, surviving
@@ -147,7 +148,7 @@ def _whitening(reads: Sequence[Read]) -> Array:
 
 def _refuse_other_record(base: Sequence[Read], episode: Episode) -> None:
     """Raise if the readings of a record differ from the laboratory's, for example because it was edited."""
-    stored = [exchange.content for _, exchange in calls_of(episode)]
+    stored = [exchange.content for _, exchange in episode.accepted_calls()]
     for read in base:
         values = np.array(list(numbers(stored[read.place] or {})))
         spread = sum((slope**2 for slope in read.slopes.values()), np.zeros(len(read.values)))
@@ -256,7 +257,7 @@ def _measured(subject: Subject, seed: int, episode: Episode) -> dict[str, object
         return {}  # no readings
     fitted = fitted_rivals(constants, episode)
     others = others_of(constants, told, episode, fitted)
-    steps = list(_steps(constants, told, others, [turn for turn, _ in calls_of(episode)]))
+    steps = list(_steps(constants, told, others, [turn for turn, _ in episode.accepted_calls()]))
     loosest = steps[-1].bounds if steps else ()
     tightest = constants.bounds(told.fisher_with_rough)
     if max(tightest, default=0.0) <= SUFFICIENT < max(loosest, default=0.0):

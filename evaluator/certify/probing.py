@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from evaluator.answers.engine import READING_TOOLS, session_of
-from evaluator.records.episode import Episode, Exchange
+from evaluator.records.episode import Episode
 from physment_mcp.errors import RefusedCall
 from physment_mcp.instruments import readout_of
 from physment_mcp.session import Session
@@ -20,7 +20,6 @@ from physment_mcp.tools.calls import call
 from physment_mcp.tools.edit import FIND_OBJECTS
 from physment_mcp.world.readout import Quantity, Readout
 from scenes import PackFiles
-from scenes.protocol import ANSWER
 
 Array = NDArray[np.float64]
 Source = tuple[Quantity, str, int]
@@ -81,14 +80,6 @@ class Read(NamedTuple):
     """Instrument error → change of the values per standard deviation of the error."""
 
 
-def calls_of(episode: Episode) -> Iterator[tuple[int, Exchange]]:
-    """Return the calls of an episode that the laboratory accepted, each with the number of its turn."""
-    for number, turn in enumerate(episode.turns, start=1):
-        for exchange in turn.exchanges:
-            if exchange.returned and not exchange.is_error and exchange.call.tool != ANSWER:
-                yield number, exchange
-
-
 def replayed(files: PackFiles, mjcf: str, episode: Episode, *, slopes: bool) -> list[Read]:
     """Replay the calls of an episode in a model.
 
@@ -106,7 +97,7 @@ def replayed(files: PackFiles, mjcf: str, episode: Episode, *, slopes: bool) -> 
     probe = Probe(public.fineness, public.seed)
     session.world.read_with(probe)
     found: list[Read] = []
-    for place, (_, exchange) in enumerate(calls_of(episode)):
+    for place, (_, exchange) in enumerate(episode.accepted_calls()):
         tool, arguments = exchange.call.tool, dict(exchange.call.arguments)
         probe.asked.clear()
         try:

@@ -9,6 +9,7 @@ from rich.table import Table
 
 from evaluator.answers.keys import KeyRing
 from evaluator.commands.base import Commands, wide_console
+from evaluator.commands.evidence_table import evidence_table
 from evaluator.errors import UsageError
 from evaluator.scores.comparison import CONDITIONS, Comparison, Side, compare, points
 from evaluator.scores.scoring import read_graded, score_episode
@@ -89,8 +90,9 @@ def _side(path: Path, chosen: Mapping[str, str], without: Sequence[int], keys: K
     """
     folder = RunFolder(path)
     folder.read_run()  # refuses a folder that holds no run
+    evidence = folder.evidence()
     rows = [
-        score_episode(episode, record, keys)
+        score_episode(episode, record, keys, evidence.get(episode.key))
         for episode, record in read_graded(folder)
         if episode.key.scene not in without
         and all(str(getattr(episode.key, name)) == value for name, value in chosen.items())
@@ -115,6 +117,9 @@ def _print(found: Comparison, first: Path, second: Path) -> None:
             table.add_row(f"[bold]{escape(grouping)}[/]")
         table.add_row(f"  {escape(group.group)}", *_cells(group.difference, group.p_adjusted))
     console.print(table)
+    sides = {name: side for name, side in (("A", found.evidence_a), ("B", found.evidence_b)) if side is not None}
+    if sides:
+        console.print(evidence_table(sides))
     left_out = [
         f"{count} {what}"
         for count, what in (

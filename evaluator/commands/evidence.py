@@ -3,35 +3,25 @@
 import argparse
 import os
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
 
 from rich.console import Console
 from rich.progress import Progress
-from rich.table import Table
-from rich.text import Text
 
 from evaluator.certify.evidence import measured
 from evaluator.certify.parallel import in_processes
 from evaluator.certify.subject import Subject
 from evaluator.commands.base import Commands, count_of, run_async, seed_key, wide_console
-from evaluator.commands.finishing import current_evidence
+from evaluator.commands.evidence_table import evidence_table
 from evaluator.commands.terminal import printable
 from evaluator.errors import UsageError
-from evaluator.records.episode import (
-    CERTAIN,
-    SUFFICIENT,
-    Episode,
-    EpisodeKey,
-    EvidenceRecord,
-    EvidenceVerdict,
-    Outcome,
-    Verdict,
-)
-from evaluator.report.evidence import evidence_counts
+from evaluator.records.episode import Episode, Outcome, Verdict
+from evaluator.records.evidence import CERTAIN, SUFFICIENT, EvidenceRecord, EvidenceVerdict
+from evaluator.scores.sufficiency import MeasuredEpisode, evidence_summary
 from evaluator.store.run_folder import RunFolder
-from evaluator.study.forking import CONDITIONS, line_hashes, meeting
+from evaluator.study.forking import CONDITIONS, meeting
 from evaluator.study.integrity import is_withheld, seeds_of
 from evaluator.study.provenance import refuse_other_worlds
 from scenes import PackError, find_pack
@@ -86,8 +76,8 @@ def _evidence(args: argparse.Namespace) -> int:
         refuse_other_worlds(folder.read_run(), args.scenes_dir)
     if args.episodes:
         episodes = meeting(episodes, args.episodes, "--episodes", folder)
-    hashes, seed_of = line_hashes(folder), seeds_of(folder, args.seed_key)
-    there = current_evidence(folder)
+    hashes, seed_of = folder.line_hashes(), seeds_of(folder, args.seed_key)
+    there = folder.evidence()
     wanted = [episode for episode in episodes if episode.key not in there]
     withheld = folder.run_file.exists() and is_withheld(folder)
 
@@ -106,13 +96,16 @@ def _evidence(args: argparse.Namespace) -> int:
             progress.advance(task)
 
         run_async(partial(in_processes, wanted, work, args.workers, on_done))
-    chosen = [there[episode.key] for episode in episodes]
     if args.json:
-        for found in chosen:
-            print(found.model_dump_json())
+        for episode in episodes:
+            print(there[episode.key].model_dump_json())
     else:
         verdicts = {key: grade.grade.strict for key, grade in folder.grades().items()}
-        _print(console, chosen, verdicts)
+        strict = [verdicts.get(episode.key, Verdict.UNSCORED) for episode in episodes]
+        _print(
+            console,
+            [MeasuredEpisode(one, there[one.key], verdict) for one, verdict in zip(episodes, strict, strict=True)],
+        )
     return 0
 
 
@@ -131,13 +124,11 @@ def _without_names(found: EvidenceRecord) -> EvidenceRecord:
     return found.model_copy(update={"rivals": tuple(unnamed)})
 
 
-def _print(console: Console, chosen: Sequence[EvidenceRecord], verdicts: Mapping[EpisodeKey, Verdict]) -> None:
+def _print(console: Console, measured: Sequence[MeasuredEpisode]) -> None:
     """Print a table with a row for each agent: its verdicts, and the number of calls until the evidence sufficed."""
-    table = Table("agent", *EvidenceVerdict, "not measurable", "calls until it sufficed (median)", "calls after")
-    for agent in sorted({found.key.agent for found in chosen}):
-        counts = evidence_counts([found for found in chosen if found.key.agent == agent], verdicts)
-        calls = ("–" if calls is None else f"{calls:g}" for calls in (counts.until, counts.after))
-        table.add_row(Text(printable(agent)), *map(str, counts.verdicts.values()), str(counts.not_measurable), *calls)
-    console.print(table)
-    for reason, count in Counter(found.not_measurable for found in chosen if found.not_measurable).most_common():
+    agents = sorted({one.episode.key.agent for one in measured})
+    found = {name: evidence_summary(one for one in measured if one.episode.key.agent == name) for name in agents}
+    console.print(evidence_table({name: summary for name, summary in found.items() if summary is not None}))
+    reasons = Counter(one.evidence.not_measurable for one in measured if one.evidence.not_measurable)
+    for reason, count in reasons.most_common():
         console.print(f"{count} not measurable: {printable(reason)}", markup=False, highlight=False)

@@ -22,7 +22,7 @@ from evaluator.report.attachments import FILMS, film_file, own_folder, regular_f
 from evaluator.report.film_record import MOST_BYTES, read, written
 from evaluator.store import durable
 from evaluator.store.run_folder import RunFolder
-from evaluator.study.forking import CONDITIONS, line_hashes, meeting
+from evaluator.study.forking import CONDITIONS, meeting
 from evaluator.study.integrity import seeds_of
 from evaluator.study.provenance import refuse_other_worlds
 
@@ -88,7 +88,7 @@ def _film(args: argparse.Namespace) -> int:
 
 def _make(folder: RunFolder, episodes: Sequence[Episode], args: argparse.Namespace) -> list[str]:
     """Make the missing films; returns an error message for each episode that cannot be filmed."""
-    hashes, seed_of, refused = line_hashes(folder), seeds_of(folder, args.seed_key), list[str]()
+    hashes, seed_of, refused = folder.line_hashes(), seeds_of(folder, args.seed_key), list[str]()
     own_folder(folder.path / FILMS)
     files = {episode.key: film_file(folder.path, hashes[episode.key]) for episode in episodes}
     missing = [one for one in episodes if not _is_made(files[one.key], hashes[one.key], revealed=args.reveal)]

@@ -8,7 +8,7 @@ from rich.console import Console
 
 from evaluator.answers.keys import KeyRing
 from evaluator.commands.terminal import print_results
-from evaluator.records.episode import EpisodeKey, EvidenceRecord, Outcome
+from evaluator.records.episode import Outcome
 from evaluator.report.agent_results import Run
 from evaluator.report.attachments import Attachments, attached
 from evaluator.report.notebook import pictures
@@ -16,7 +16,6 @@ from evaluator.report.page import write_report
 from evaluator.scores.scored_episode import ScoredEpisode
 from evaluator.scores.scoring import grade_run
 from evaluator.store.run_folder import RunFolder
-from evaluator.study.forking import line_hashes
 from evaluator.study.integrity import is_withheld, seal_note
 from scenes.folder import ranges
 
@@ -85,9 +84,7 @@ def report_on(folder: RunFolder, rows: Sequence[ScoredEpisode], keys: KeyRing, s
     record = folder.read_run()
     shown = pictures(record.packs, keys.folder)
     found = attached_to(folder, rows, folder)
-    return write_report(
-        folder, [Run(folder.path.resolve().name, record, rows, shown, found, seal, current_evidence(folder))]
-    )
+    return write_report(folder, [Run(folder.path.resolve().name, record, rows, shown, found, seal)])
 
 
 def attached_to(folder: RunFolder, rows: Sequence[ScoredEpisode], target: RunFolder) -> Attachments:
@@ -96,11 +93,3 @@ def attached_to(folder: RunFolder, rows: Sequence[ScoredEpisode], target: RunFol
     for sentence in found.left_out:
         print(f"physment-eval: {folder.path}: {sentence}", file=sys.stderr)
     return found
-
-
-def current_evidence(folder: RunFolder) -> dict[EpisodeKey, EvidenceRecord]:
-    """Return the stored evidence of a run, without records of episodes that have been played again since."""
-    if not folder.evidence_file.exists():
-        return {}
-    hashes = line_hashes(folder)
-    return {key: found for key, found in folder.evidence().items() if found.episode == hashes.get(key)}

@@ -15,7 +15,7 @@ from evaluator.records.episode import Episode
 from evaluator.records.run import ForkedRun, Plan
 from evaluator.records.seed_key import SeedKey
 from evaluator.store.run_folder import RunFolder
-from evaluator.study.forking import CONDITIONS, ForkParticipant, fork_keys, line_hashes, select_episodes
+from evaluator.study.forking import CONDITIONS, ForkParticipant, fork_keys, select_episodes
 from evaluator.study.integrity import pass_on_key, read_revealed, read_seed_key, seal_note, seeds_of
 from evaluator.study.participants import participants_of
 from evaluator.study.provenance import refuse_other_worlds
@@ -89,7 +89,7 @@ def _fork(args: argparse.Namespace) -> int:
             raise UsageError(f"--agent {name}: a program plays by itself from the start, and cannot go on from a fork")
         agents[name] = participant
     keys = fork_keys(episodes, list(agents))
-    hashes = line_hashes(source)
+    hashes = source.line_hashes()
     participants = {name: ForkParticipant(inner, keys, hashes, args.turn) for name, inner in agents.items()}
     seal = source.read_seal()
     run = PreparedRun(

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from evaluator.answers.keys import KeyRing
 from evaluator.commands.base import Commands, allow_modified, folder_to_write
-from evaluator.commands.finishing import attached_to, current_evidence
+from evaluator.commands.finishing import attached_to
 from evaluator.errors import StoreError, UsageError
 from evaluator.report.agent_results import AgentResults, Run, agent_results, packs_of
 from evaluator.report.baselines import baseline_table
@@ -135,8 +135,9 @@ def _read(folder: RunFolder, name: str, rings: Sequence[KeyRing], *, trust: bool
     record, seal = folder.read_run(), seal_note(folder, trust=trust)
     keys = _ring_of(record.packs, rings)
     refuse_other_worlds(record, keys.folder)
-    rows = [score_episode(episode, grade, keys) for episode, grade in read_graded(folder)]
-    return Run(name, record, rows, pictures(record.packs, keys.folder), seal=seal, evidence=current_evidence(folder))
+    evidence = folder.evidence()
+    rows = [score_episode(one, grade, keys, evidence.get(one.key)) for one, grade in read_graded(folder)]
+    return Run(name, record, rows, pictures(record.packs, keys.folder), seal=seal)
 
 
 def _paper(target: RunFolder, results: Sequence[AgentResults]) -> list[Path]:

@@ -1,7 +1,7 @@
-"""Episodes, grades and evidence as frozen records with a format number. Contains no file access and no grading."""
+"""Episodes and grades as frozen records with a format number. Contains no file access and no grading."""
 
 import hashlib
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from enum import StrEnum
 from typing import Any, Literal, Self
 
@@ -9,10 +9,7 @@ from pydantic import BaseModel, ConfigDict, Field, JsonValue
 
 FORMAT = 1
 """Version of the on-disk format. Readers refuse a higher version."""
-SUFFICIENT = 0.5
-"""Largest error bound of an answer for which its evidence suffices [tolerances]."""
-CERTAIN = 0.95
-"""Smallest probability of the right choice for which the evidence for a choice suffices."""
+_ANSWER = "answer"
 
 
 def is_absent(value: object) -> bool:
@@ -182,6 +179,13 @@ class Episode(Record):
         """Return the largest number of turns: the limit on calls if there is one, otherwise the iteration budget."""
         return self.max_calls or self.key.budget
 
+    def accepted_calls(self) -> Iterator[tuple[int, Exchange]]:
+        """Yield the calls that the laboratory accepted, without the answer, each with the number of its turn."""
+        for number, turn in enumerate(self.turns, start=1):
+            for exchange in turn.exchanges:
+                if exchange.returned and not exchange.is_error and exchange.call.tool != _ANSWER:
+                    yield number, exchange
+
 
 class Verdict(StrEnum):
     """Whether an answer is right or wrong."""
@@ -225,88 +229,3 @@ class GradeRecord(Record):
     answer_key: JsonValue
     grader_version: str
     pack_version: str
-
-
-class CallEvidence(Record):
-    """The evidence after a call."""
-
-    turn: int
-    """Number of the turn, from 1."""
-    call: int
-    """Number of the call in the episode, from 1."""
-    bounds: tuple[float, ...]
-    """For each requested number, the lower bound of its standard error (Cramér-Rao) divided by its tolerance."""
-    choice: float | None = None
-    """Probability of the right choice over constants that the readings allow; null if no choice is requested."""
-    rivals: int = 0
-    """Number of other discrete values with another answer that the readings do not exclude."""
-    bits: float
-    """Information about the hidden constants, beyond their ranges [bit]."""
-
-    @property
-    def suffices(self) -> bool:
-        """Return whether the readings determine the constants well enough and exclude other discrete values."""
-        known = max(self.bounds, default=0.0) <= SUFFICIENT and (self.choice is None or self.choice >= CERTAIN)
-        return known and not self.rivals
-
-
-class Rival(Record):
-    """A structure, or a value of a discrete constant, that differs from the drawn one and gives another answer."""
-
-    name: str
-    chi_square: float
-    """Chi-square of its fit to all readings, minus that of the drawn one."""
-    excluded: bool
-    """Whether the readings exclude it at four standard deviations."""
-
-
-class EvidenceRecord(Record):
-    """A line of `evidence.jsonl`: how far the readings of one episode determine the answer."""
-
-    format: Literal[1] = 1
-    key: EpisodeKey
-    episode: str
-    """SHA-256 of the episode's line in `episodes.jsonl`."""
-    calls: tuple[CallEvidence, ...] = ()
-    """The evidence after each call that returned a new reading."""
-    rivals: tuple[Rival, ...] = ()
-    """The rivals after the last call."""
-    not_measurable: str = ""
-    """Why the evidence cannot be computed; empty if it can."""
-    seconds: float = Field(default=0.0, ge=0)
-    """Processor time of the computation [s]."""
-
-    @property
-    def suffices(self) -> bool:
-        """Return whether all readings together determine the answer."""
-        return bool(self.calls) and self.calls[-1].suffices and all(rival.excluded for rival in self.rivals)
-
-    @property
-    def sufficed_at(self) -> int | None:
-        """Return the number of the call after which the evidence sufficed; None if it never did.
-
-        Rivals from the pack's own fits count only after the last call, because they are fitted to all readings.
-        """
-        return next((step.call for step in self.calls if step.suffices), None) if self.suffices else None
-
-
-class EvidenceVerdict(StrEnum):
-    """Whether an episode failed by its experiments or by its reasoning."""
-
-    EARNED = "earned"
-    """The answer is right, and the readings determine it."""
-    GUESSED = "guessed right without evidence"
-    """The answer is right, although the readings do not determine it."""
-    INFERENCE_FAILED = "inference failed on sufficient evidence"
-    """The answer is wrong or missing, although the readings determine it."""
-    EXPERIMENT_INSUFFICIENT = "experiment insufficient"
-    """The answer is wrong or missing, and the readings do not determine it."""
-
-
-def evidence_verdict(evidence: EvidenceRecord, verdict: Verdict) -> EvidenceVerdict | None:
-    """Return the verdict on an episode's evidence; None if it is not measurable or the episode has no verdict."""
-    if evidence.not_measurable or verdict is Verdict.UNSCORED:
-        return None
-    if verdict is Verdict.CORRECT:
-        return EvidenceVerdict.EARNED if evidence.suffices else EvidenceVerdict.GUESSED
-    return EvidenceVerdict.INFERENCE_FAILED if evidence.suffices else EvidenceVerdict.EXPERIMENT_INSUFFICIENT

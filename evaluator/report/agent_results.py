@@ -2,10 +2,9 @@
 
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import NamedTuple
 
-from evaluator.records.episode import EpisodeKey, EvidenceRecord
 from evaluator.records.run import RunRecord
 from evaluator.report.attachments import NOTHING, Attachments
 from evaluator.scores.metrics import GroupSummary, RunSummary, summarise
@@ -136,8 +135,6 @@ class Run:
     """Films and frames of the run that were written beside the page of the report."""
     seal: str = ""
     """Clause about the seal of the run's records; empty if the seal was not checked."""
-    evidence: Mapping[EpisodeKey, EvidenceRecord] = field(default_factory=dict[EpisodeKey, EvidenceRecord])
-    """Evidence of its episodes, where it was measured."""
 
 
 @dataclass(frozen=True, slots=True)

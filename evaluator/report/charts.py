@@ -62,6 +62,10 @@ class Chart(NamedTuple):
     x_ticks: Sequence[Tick]
     y_ticks: Sequence[Tick]
     lines: Sequence[Line]
+    flag: Tick | None = None
+    """A vertical line with a label."""
+    calls: Sequence[int] = ()
+    """If x is a number of calls: that number after each call of the episode, for the cursor of its film."""
 
 
 def chart(
@@ -73,6 +77,9 @@ def chart(
     y_range: tuple[float, float] | None = None,
     dodge: float = 0.0,
     percent: bool = False,
+    decades: bool = False,
+    flag: tuple[float, str] | None = None,
+    calls: Sequence[int] = (),
 ) -> Chart:
     """Lay out a chart.
 
@@ -84,10 +91,13 @@ def chart(
         y_range: Ends of the y axis; round values around the points if None.
         dodge: Horizontal distance between the marks of neighbouring series at the same x [px].
         percent: Whether y is a share, to be labelled in per cent.
+        decades: Whether y is a decimal logarithm, to be labelled with powers of ten.
+        flag: x and label of a vertical line.
+        calls: See `Chart.calls`.
     """
     points = [point for line in series for segment in line.segments for point in segment]
     ys = list(y_range or [point.y for point in points])
-    y_labels = ticks(min(ys), max(ys))
+    y_labels = _powers(min(ys), max(ys)) if decades else ticks(min(ys), max(ys))
     xs = [*(x_ticks or ()), *(point.x for point in points)]
     x_labels = list(x_ticks or ticks(min(xs), max(xs)))
     xs += x_labels
@@ -100,8 +110,10 @@ def chart(
         width,
         height,
         [Tick(across.at(x), f"{x:g}") for x in x_labels],
-        [Tick(up.at(y), f"{100 * y:.0f} %" if percent else f"{y:.4g}") for y in y_labels],
+        [Tick(up.at(y), f"{100 * y:.0f} %" if percent else f"{10**y if decades else y:.4g}") for y in y_labels],
         [_line(line, across._replace(shift=shift), up) for line, shift in zip(series, shifts, strict=True)],
+        flag and Tick(across.at(flag[0]), flag[1]),
+        calls,
     )
 
 
@@ -144,6 +156,12 @@ def ticks(low: float, high: float, most: int = 5) -> list[float]:
     step = next(power * factor for factor in (1, 2, 5, 10) if power * factor >= raw * (1 - 1e-9))
     first, last = math.floor(low / step + 1e-9), math.ceil(high / step - 1e-9)
     return [float(f"{index * step:.12g}") for index in range(first, last + 1)]
+
+
+def _powers(low: float, high: float) -> list[float]:
+    """The whole numbers that cover a range of decimal logarithms; at least two."""
+    first = math.floor(low)
+    return [float(power) for power in range(first, max(math.ceil(high), first + 1) + 1)]
 
 
 def _span(low: float, high: float) -> tuple[float, float]:

@@ -1,70 +1,180 @@
-"""Evidence in reports: counts of verdicts for each agent, and a chart for each episode."""
+"""Evidence in reports: a table of verdicts, a plane of the episodes of each agent, and a chart for each episode."""
 
 import math
-from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections import defaultdict
+from collections.abc import Iterable, Mapping, Sequence
 from statistics import median
 from typing import NamedTuple
 
-from evaluator.records.episode import SUFFICIENT, EpisodeKey, EvidenceRecord, EvidenceVerdict, Verdict, evidence_verdict
+from evaluator.records.evidence import SUFFICIENT, EvidenceVerdict
 from evaluator.report.agent_results import AgentResults
-from evaluator.report.charts import Chart, Point, Series, chart
+from evaluator.report.charts import LEFT, RIGHT, Chart, Point, Series, Tick, chart
 from evaluator.report.tables import Cell, Table
+from evaluator.scores.scored_episode import ScoredEpisode
+from evaluator.scores.sufficiency import evidence_summary
 
-_LEAST = 1e-3
-"""Lower end of the charts; smaller bounds are drawn there [tolerances]."""
-
-
-class EvidenceCounts(NamedTuple):
-    """Counts of the verdicts on evidence over several episodes."""
-
-    verdicts: Mapping[EvidenceVerdict, int]
-    not_measurable: int
-    until: float | None
-    """Median number of calls until the evidence sufficed, over the episodes in which it did; None if there are none."""
-    after: float | None
-    """Median number of calls after the evidence sufficed, over the same episodes."""
+NOT_MEASURABLE = "not measurable"
+_LEAST, _MOST = 1e-3, 1e2
+"""Ends of the charts; other bounds are drawn there [tolerances]."""
+_REFERENCE = "reference"
 
 
-def evidence_counts(records: Sequence[EvidenceRecord], verdicts: Mapping[EpisodeKey, Verdict]) -> EvidenceCounts:
-    """Count the verdicts on evidence.
-
-    Args:
-        records: Evidence of some episodes.
-        verdicts: Strict verdicts of episodes; one without a verdict is not counted.
-    """
-    found = Counter(evidence_verdict(one, verdicts.get(one.key, Verdict.UNSCORED)) for one in records)
-    sufficed = [(one.sufficed_at, one.calls[-1].call) for one in records if one.sufficed_at is not None]
-    return EvidenceCounts(
-        {verdict: found[verdict] for verdict in EvidenceVerdict},
-        sum(bool(one.not_measurable) for one in records),
-        median(at for at, _ in sufficed) if sufficed else None,
-        median(last - at for at, last in sufficed) if sufficed else None,
-    )
+def verdict_of(row: ScoredEpisode) -> str:
+    """The verdict on the evidence of an episode, `NOT_MEASURABLE`, or an empty text if it was not measured."""
+    if row.evidence is None:
+        return ""
+    return NOT_MEASURABLE if row.evidence.not_measurable else str(row.evidence_verdict or "")
 
 
 def evidence_table(results: Sequence[AgentResults]) -> Table | None:
     """Table of the verdicts on evidence of each agent; None if no evidence was measured."""
-    columns = ("agent", *map(str, EvidenceVerdict), "not measurable", "calls until it sufficed", "calls after")
+    needed = _reference_calls(results)
     rows: list[list[Cell]] = []
     for result in results:
-        verdicts = {row.key: row.grade.strict for row in result.rows}
-        records = [found for key, found in result.run.evidence.items() if key in verdicts]
-        if records:
-            counts = evidence_counts(records, verdicts)
-            rows.append([result.label, *counts.verdicts.values(), counts.not_measurable, counts.until, counts.after])
-    return (
-        Table("evidence", "Were the experiments at fault, or the reasoning?", columns, rows, decimals=1)
-        if rows
-        else None
-    )
+        found = evidence_summary(row.measured for row in result.rows if row.measured)
+        if found is None:
+            continue
+        shares = [
+            row.evidence.sufficed_at / needed[_task(result, row)]
+            for row in result.rows
+            if row.evidence and row.evidence.sufficed_at and _task(result, row) in needed
+        ]
+        counts = (*found.verdicts.values(), found.not_measurable, found.answered_before)
+        rows.append([result.label, *counts, found.calls_until, median(shares) if shares else None, found.calls_after])
+    columns = ("agent", *map(str, EvidenceVerdict), NOT_MEASURABLE, "answers given before the evidence")
+    columns += ("calls until it sufficed", "times the reference's", "calls after it sufficed")
+    title = "Were the experiments at fault, or the reasoning?"
+    return Table("evidence", title, columns, rows, decimals=1) if rows else None
 
 
-def evidence_charts(found: EvidenceRecord | None) -> list[Chart]:
-    """Chart of the largest bound against the number of calls; empty if the scene asks for no number."""
-    if found is None or not any(step.bounds for step in found.calls):
+_Task = tuple[str | None, int, int]
+
+
+def _task(result: AgentResults, row: ScoredEpisode) -> _Task:
+    """Commitment of the seeds, scene, and seed: what two episodes share that were drawn alike."""
+    return result.run.record.plan.held_back, row.key.scene, row.key.seed
+
+
+def _reference_calls(results: Iterable[AgentResults]) -> Mapping[_Task, int]:
+    """Number of calls after which the evidence of the reference agent sufficed, by task."""
+    return {
+        _task(result, row): row.evidence.sufficed_at
+        for result in results
+        if result.agent == _REFERENCE
+        for row in result.rows
+        if row.evidence and row.evidence.sufficed_at
+    }
+
+
+def evidence_charts(row: ScoredEpisode) -> list[Chart]:
+    """Chart of the largest bound against the number of calls, on a logarithmic scale; empty without a reading."""
+    found = row.evidence
+    if found is None or not found.calls:
         return []
-    points = [Point(step.call, math.log10(max(_LEAST, *step.bounds))) for step in found.calls if step.bounds]
-    enough = [Point(end.x, math.log10(SUFFICIENT)) for end in (points[0], points[-1])]
-    lines = [Series("bound", [points]), Series("sufficient", [enough])]
-    return [chart("log₁₀ of the answer's smallest standard error [tolerances] against calls", lines)]
+    points = [Point(step.call, _clipped(step.worst_bound)) for step in found.calls]
+    level = math.log10(SUFFICIENT)
+    made, numbers = 0, list[int]()
+    accepted = {id(exchange) for _, exchange in row.episode.accepted_calls()}
+    for turn in row.episode.turns:
+        for exchange in turn.exchanges:
+            made += id(exchange) in accepted
+            numbers.append(made)
+    last = max(made, points[-1].x)
+    lines = [Series("bound", [points]), Series(f"{SUFFICIENT:g}: sufficient", [[Point(0, level), Point(last, level)]])]
+    at = found.sufficed_at
+    return [
+        chart(
+            "smallest standard error of the answer [tolerances] against calls",
+            lines,
+            size=(620, 170),
+            decades=True,
+            flag=None if at is None else (at, f"sufficed at call {at}"),
+            calls=numbers,
+        )
+    ]
+
+
+def _clipped(bound: float) -> float:
+    return math.log10(min(max(bound, _LEAST), _MOST))
+
+
+class Dot(NamedTuple):
+    """An episode in a plane."""
+
+    x: float
+    y: float
+    verdict: EvidenceVerdict
+    number: int
+    """Number of the episode in the report."""
+    title: str
+
+
+class Plane(NamedTuple):
+    """The episodes of an agent by evidence, which grows to the right, and by verdict; all coordinates in px."""
+
+    label: str
+    ticks: Sequence[Tick]
+    sufficient: float
+    dots: Sequence[Dot]
+    left_out: int
+    """Number of episodes whose evidence cannot be measured."""
+
+
+PLANE = (430.0, 250.0)
+"""Width and height of a plane [px]."""
+_LANES = {True: 118.0, False: 222.0}
+"""Lower edge of the dots of right and of wrong answers."""
+_LANE = 84.0
+_DOT = 9.0
+"""Distance of neighbouring dots."""
+
+
+def planes(results: Sequence[AgentResults], numbered: Iterable[tuple[int, int, ScoredEpisode]]) -> list[Plane]:
+    """A plane for each agent whose evidence was measured.
+
+    Args:
+        results: The results of all agents.
+        numbered: Number of each episode in the report, index of its agent, and the episode.
+    """
+    by_agent: defaultdict[int, list[tuple[int, ScoredEpisode]]] = defaultdict(list)
+    for number, agent, row in numbered:
+        if row.evidence is not None:
+            by_agent[agent].append((number, row))
+    bounds = (_MOST, 10.0, 1.0, 0.1, 0.01, _LEAST)
+    ticks = [Tick(_across(None), "none"), *(Tick(_across(bound), f"{bound:g}") for bound in bounds)]
+    return [
+        Plane(
+            results[agent].label,
+            ticks,
+            _across(SUFFICIENT),
+            _dots(rows),
+            sum(bool(row.evidence and row.evidence.not_measurable) for _, row in rows),
+        )
+        for agent, rows in sorted(by_agent.items())
+    ]
+
+
+def _across(bound: float | None) -> float:
+    """Coordinate of a bound; without a reading there is none, and the evidence is the least."""
+    decades = math.log10(_MOST / _LEAST) + 1
+    place = 0.0 if bound is None else 1 + math.log10(_MOST) - _clipped(bound)
+    return round(LEFT + _DOT + place / decades * (PLANE[0] - LEFT - RIGHT - 2 * _DOT), 1)
+
+
+def _dots(rows: Sequence[tuple[int, ScoredEpisode]]) -> list[Dot]:
+    """The dots; those that would cover each other are stacked."""
+    stacks: defaultdict[tuple[bool, int], list[tuple[int, ScoredEpisode, EvidenceVerdict]]] = defaultdict(list)
+    for number, row in rows:
+        if row.evidence is not None and (verdict := row.evidence_verdict) is not None:
+            column = int((_across(row.evidence.worst_bound) - LEFT) // _DOT)
+            # No column holds dots of both sides of the limit.
+            limit = int((_across(SUFFICIENT) - LEFT) // _DOT)
+            column = max(column, limit + 1) if row.evidence.suffices else min(column, limit - 1)
+            stacks[row.is_correct, column].append((number, row, verdict))
+    found: list[Dot] = []
+    for (right, column), stack in sorted(stacks.items()):
+        height = min(_DOT, _LANE / len(stack))
+        for level, (number, row, verdict) in enumerate(stack):
+            at = round(LEFT + (column + 0.5) * _DOT, 1), round(_LANES[right] - level * height, 1)
+            found.append(Dot(*at, verdict, number, f"{row.scene_title}, {row.key.seed}: {verdict}"))
+    return found

@@ -7,12 +7,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple, cast
 
-from evaluator.records.episode import EpisodeKey, EvidenceRecord, EvidenceVerdict, Exchange, Frame, evidence_verdict
+from evaluator.records.episode import EpisodeKey, Exchange, Frame
 from evaluator.report.agent_results import AgentResults, Run
 from evaluator.report.attachments import FILMS, FRAMES, film_name
 from evaluator.report.call_rows import TurnCalls, calls_of, motion_charts
 from evaluator.report.charts import Chart
-from evaluator.report.evidence import evidence_charts
+from evaluator.report.evidence import evidence_charts, verdict_of
 from evaluator.scores.grounding import Assertion
 from evaluator.scores.scored_episode import ScoredEpisode
 from scenes import PackFiles, default_folder, list_packs, same_pack
@@ -80,15 +80,16 @@ class Entry:
     """Base64-encoded PNG image of the scene's start state; empty if there is none."""
     charts: Sequence[Chart]
     """Charts of readings over time, for the objects that moved."""
-    evidence: EvidenceRecord | None = None
-    """Evidence of the episode; None if it was not measured."""
-    evidence_charts: Sequence[Chart] = ()
-    """Charts of the error bound of the answer against the number of calls."""
 
     @property
-    def evidence_verdict(self) -> EvidenceVerdict | None:
-        """The verdict on the evidence of the episode; None if the evidence was not measured."""
-        return None if self.evidence is None else evidence_verdict(self.evidence, self.row.grade.strict)
+    def evidence_charts(self) -> list[Chart]:
+        """Charts of the error bound of the answer against the number of calls."""
+        return evidence_charts(self.row)
+
+    @property
+    def evidence_verdict(self) -> str:
+        """The verdict on its evidence; see `verdict_of`."""
+        return verdict_of(self.row)
 
     @property
     def id(self) -> str:
@@ -168,8 +169,6 @@ def entries(results: Sequence[AgentResults]) -> Iterator[Entry]:
             run=results[index].run,
             picture=base64.b64encode(results[index].run.pictures.get(row.key.scene, b"")).decode(),
             charts=motion_charts(row.episode.turns),
-            evidence=(evidence := results[index].run.evidence.get(row.key)),
-            evidence_charts=evidence_charts(evidence),
         )
 
 

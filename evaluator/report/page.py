@@ -17,6 +17,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from evaluator.errors import StoreError
 from evaluator.records.episode import Outcome
+from evaluator.records.evidence import EvidenceVerdict
 from evaluator.report import tables
 from evaluator.report.agent_results import AgentResults, Run, agent_results, packs_of
 from evaluator.report.attachments import own_folder, write_anew, write_player
@@ -24,7 +25,7 @@ from evaluator.report.baselines import baseline_table
 from evaluator.report.call_rows import is_long
 from evaluator.report.charts import Chart, Point, Series, chart
 from evaluator.report.errata import errata_table
-from evaluator.report.evidence import evidence_table
+from evaluator.report.evidence import NOT_MEASURABLE, PLANE, evidence_table, planes
 from evaluator.report.export import shown
 from evaluator.report.notebook import Entry, entries, laid_out, returned
 from evaluator.report.paper_tables import BUCKETS, bucket
@@ -122,6 +123,9 @@ def render(runs: Sequence[Run], inline: int = INLINE, *, baselines: bool = True)
         spent=list(_spent(results)),
         modes=list(FailureMode),
         evidence=evidence_table(results),
+        evidence_verdicts=[*EvidenceVerdict, NOT_MEASURABLE],
+        planes=planes(results, ((entry.number, entry.agent_index, entry.row) for entry in found)),
+        plane_size=PLANE,
         outcomes=list(Outcome),
         quoted=tables.quoted(),
         graders=sorted({row.record.grader_version for run in runs for row in run.rows}),

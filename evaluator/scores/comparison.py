@@ -4,10 +4,13 @@ from collections import defaultdict
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Literal, NamedTuple
 
+from pydantic import Field
+
 from evaluator.errors import UsageError
-from evaluator.records.episode import Grade, Record, Verdict
+from evaluator.records.episode import Grade, Record, Verdict, is_absent
 from evaluator.scores.grouping import modality, problem_kind, quadrant
 from evaluator.scores.scored_episode import ScoredEpisode
+from evaluator.scores.sufficiency import EvidenceSummary, evidence_summary
 from evaluator.statistics.budget_curve import LEVEL
 from evaluator.statistics.paired import PairedDifference, PairedTest, holm, paired_difference
 from scenes import content_hash_of
@@ -67,6 +70,10 @@ class Comparison(Record):
     normalised: PairedDifference
     groups: tuple[GroupDifference, ...]
     """Differences of strict accuracy, for each grouping that has more than one group."""
+    evidence_a: EvidenceSummary | None = Field(default=None, exclude_if=is_absent)
+    """Verdicts on the evidence of A's episodes of the pairs; absent if none was measured."""
+    evidence_b: EvidenceSummary | None = Field(default=None, exclude_if=is_absent)
+    """The same of B."""
     only_a: int
     """Episodes of A without a counterpart in B; they are left out."""
     only_b: int
@@ -111,6 +118,8 @@ def compare(a: Side, b: Side) -> Comparison:
         strict=strict,
         normalised=_difference(scored, lambda grade: grade.normalised),
         groups=tuple(found for name, group in _GROUPINGS.items() for found in _grouped(scored, name, group)),
+        evidence_a=evidence_summary(first.measured for first, _ in scored if first.measured),
+        evidence_b=evidence_summary(second.measured for _, second in scored if second.measured),
         only_a=len(firsts) - len(common),
         only_b=len(seconds) - len(common),
         unscored=len(pairs) - len(scored),

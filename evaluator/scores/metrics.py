@@ -10,7 +10,9 @@ from collections import Counter, defaultdict
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import Literal, NamedTuple, TypeVar
 
-from evaluator.records.episode import Grade, NormalisationClass, Outcome, Record, Verdict
+from pydantic import Field
+
+from evaluator.records.episode import Grade, NormalisationClass, Outcome, Record, Verdict, is_absent
 from evaluator.scores.dimensions import SCORING_VERSION, MedianCost, median_cost
 from evaluator.scores.errata import AccuracyBounds, AppliedErratum, accuracy_bounds, applied_errata
 from evaluator.scores.failures.findings import FailureCount, FailureMode, failure_counts
@@ -27,6 +29,7 @@ from evaluator.scores.grouping import (
     skill_interval,
 )
 from evaluator.scores.scored_episode import ScoredEpisode
+from evaluator.scores.sufficiency import EvidenceSummary, evidence_summary
 from evaluator.statistics.attempts import Attempts, attempts
 from evaluator.statistics.budget_curve import BudgetCurve, Cell, budget_curve
 from evaluator.statistics.intervals import Interval, IntervalMethod, Proportion, proportion
@@ -111,6 +114,8 @@ class GroupSummary(Record):
     """Median calls and lab time of an episode."""
     failures: dict[FailureMode, FailureCount]
     """Failure mode → number of scored episodes that show it, and of those that are strictly incorrect."""
+    evidence: EvidenceSummary | None = Field(default=None, exclude_if=is_absent)
+    """Verdicts on the evidence of the scored episodes; absent if none was measured."""
     outcomes: dict[Outcome, int]
     """Outcome → number of episodes, over all `n` episodes."""
 
@@ -289,6 +294,7 @@ def _summary(table: Sequence[_Row]) -> GroupSummary:
         disabled_calls=sum(row.scores.disabled_calls for row in scored),
         experiment_cost=median_cost([row.experiment_cost for row in scored]),
         failures=failure_counts((row.grade, row.failures) for row in scored),
+        evidence=evidence_summary(row.measured for row in scored if row.measured),
         outcomes=dict(sorted(Counter(row.source.episode.outcome for row in table).items())),
     )
 

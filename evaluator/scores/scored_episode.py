@@ -4,11 +4,13 @@ from dataclasses import dataclass
 
 from evaluator.answers.rewards import Chance
 from evaluator.records.episode import Episode, EpisodeKey, Grade, GradeRecord, Verdict
+from evaluator.records.evidence import EvidenceRecord, EvidenceVerdict, evidence_verdict
 from evaluator.scores.dimensions import EpisodeScores, ExperimentCost
 from evaluator.scores.errata import is_withdrawn
 from evaluator.scores.failures.findings import Failure
 from evaluator.scores.grounding import Grounding
 from evaluator.scores.grouping import rung
+from evaluator.scores.sufficiency import MeasuredEpisode
 from scenes import Erratum, Rung, reference_of
 
 
@@ -34,6 +36,8 @@ class ScoredEpisode:
     """Empty if the episode is unscored."""
     erratum: Erratum | None = None
     """Known fault of the pack that it was played on; None if none is known."""
+    evidence: EvidenceRecord | None = None
+    """What its experiments determine; None if that was not measured."""
 
     @property
     def key(self) -> EpisodeKey:
@@ -65,6 +69,16 @@ class ScoredEpisode:
     def is_scored(self) -> bool:
         """Whether it has a verdict. An infrastructure error and a withdrawn pack leave none."""
         return self.grade.strict is not Verdict.UNSCORED
+
+    @property
+    def evidence_verdict(self) -> EvidenceVerdict | None:
+        """Whether its experiments or its reasoning were at fault; None if not measured or not measurable."""
+        return None if self.evidence is None else evidence_verdict(self.evidence, self.grade.strict)
+
+    @property
+    def measured(self) -> MeasuredEpisode | None:
+        """Episode, evidence and verdict; None if the evidence was not measured."""
+        return None if self.evidence is None else MeasuredEpisode(self.episode, self.evidence, self.grade.strict)
 
     @property
     def is_withdrawn(self) -> bool:

@@ -14,6 +14,7 @@ from evaluator.answers.rewards import chance_at
 from evaluator.answers.strict import AnswerKey
 from evaluator.errors import UsageError
 from evaluator.records.episode import Episode, EpisodeKey, Grade, GradeRecord, Verdict
+from evaluator.records.evidence import EvidenceRecord
 from evaluator.scores.dimensions import cost_of, dimensions
 from evaluator.scores.errata import is_withdrawn, withdrawn_grade
 from evaluator.scores.failures.detect import failures_of
@@ -37,13 +38,16 @@ class GradedRun(NamedTuple):
     """One line per changed verdict, and a last line with the file of the old grades; empty if no verdict changed."""
 
 
-def score_episode(episode: Episode, record: GradeRecord, keys: KeyRing) -> ScoredEpisode:
+def score_episode(
+    episode: Episode, record: GradeRecord, keys: KeyRing, evidence: EvidenceRecord | None = None
+) -> ScoredEpisode:
     """Compute the scores that depend on one episode alone.
 
     Args:
         episode: The recorded episode.
         record: Its grade, which is replaced if the pack of the episode has been withdrawn since.
         keys: Answer keys of the packs that it was played on.
+        evidence: What its experiments determine; None if that was not measured.
 
     Raises:
         UsageError: The pack is missing or malformed.
@@ -65,6 +69,7 @@ def score_episode(episode: Episode, record: GradeRecord, keys: KeyRing) -> Score
         grounding=grounding,
         failures=failures_of(episode, record.grade, expected_form(form, facts.task)),
         erratum=erratum,
+        evidence=evidence,
     )
 
 
@@ -109,7 +114,7 @@ def graded_rows(
         UsageError: A pack is malformed or gives no key, or an episode has no stored grade that could be kept.
         StoreError: The folder cannot be read.
     """
-    stored = folder.grades() if kept else {}
+    stored, evidence = folder.grades() if kept else {}, folder.evidence()
 
     def graded(episode: Episode) -> GradeRecord:
         withdrawn = is_withdrawn(episode, keys.erratum(episode.versions.pack))
@@ -122,7 +127,7 @@ def graded_rows(
             update={"answer_key": None, "grade": record.grade.model_copy(update={"reason": WITHHELD})}
         )
 
-    return [score_episode(episode, graded(episode), keys) for episode in folder.episodes().values()]
+    return [score_episode(one, graded(one), keys, evidence.get(one.key)) for one in folder.episodes().values()]
 
 
 def _stored(episode: Episode, stored: Mapping[EpisodeKey, GradeRecord]) -> GradeRecord:

@@ -5,6 +5,7 @@
 is played again.
 """
 
+import hashlib
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, field
@@ -14,7 +15,8 @@ from typing import TypeVar
 from pydantic import ValidationError
 
 from evaluator.errors import StoreError, reason_of
-from evaluator.records.episode import Episode, EpisodeKey, EvidenceRecord, Frame, GradeRecord, Record
+from evaluator.records.episode import Episode, EpisodeKey, Frame, GradeRecord, Record
+from evaluator.records.evidence import EvidenceRecord
 from evaluator.records.run import RunRecord
 from evaluator.store import durable
 from evaluator.store.redaction import Redaction
@@ -155,6 +157,11 @@ class RunFolder:
         """
         return _lines(self.episodes_file)[:-1]
 
+    def line_hashes(self) -> dict[EpisodeKey, str]:
+        """SHA-256 of the record of each episode; if several lines have the same key, of the last one."""
+        lines = self.episode_lines()
+        return {Episode.model_validate_json(line).key: hashlib.sha256(line).hexdigest() for line in lines}
+
     def read_seal(self) -> Seal | None:
         """The seal of the episodes; None if there is none.
 
@@ -219,12 +226,18 @@ class RunFolder:
         durable.append_line(self.evidence_file, evidence.model_dump_json().encode())
 
     def evidence(self) -> dict[EpisodeKey, EvidenceRecord]:
-        """Return the evidence by the key of its episode. If several records have the same key, the last one counts.
+        """Return the evidence by the key of its episode, without episodes that have been played again since.
+
+        If several records have the same key, the last one counts.
 
         Raises:
             StoreError: A line in the middle is damaged.
         """
-        return {found.key: found for found in self._read(self.evidence_file, EvidenceRecord)}
+        if not self.evidence_file.exists():
+            return {}
+        stored = {found.key: found for found in self._read(self.evidence_file, EvidenceRecord)}
+        hashes = self.line_hashes()
+        return {key: found for key, found in stored.items() if found.episode == hashes.get(key)}
 
     def keep_grades(self) -> Path:
         """Back up the grades to a new file that is never overwritten, and return its path."""

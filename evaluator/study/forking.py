@@ -6,7 +6,6 @@ stays in the record of the stored episode.
 """
 
 import functools
-import hashlib
 import re
 from collections.abc import Mapping, Sequence
 from contextlib import AbstractAsyncContextManager
@@ -207,12 +206,6 @@ def _conditions(text: str, option: str) -> dict[str, str]:
     if not found or found[0].start() != 0 or not all(wanted.values()):
         raise UsageError(f"{option} {text}: write conditions such as scene=7,seed=3; they are {', '.join(CONDITIONS)}")
     return wanted
-
-
-def line_hashes(folder: RunFolder) -> dict[EpisodeKey, str]:
-    """SHA-256 of the record of each episode; if several lines have the same key, of the last one."""
-    lines = folder.episode_lines()
-    return {Episode.model_validate_json(line).key: hashlib.sha256(line).hexdigest() for line in lines}
 
 
 def fork_keys(episodes: Sequence[Episode], agents: Sequence[str]) -> dict[EpisodeKey, Episode]:

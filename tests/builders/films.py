@@ -17,7 +17,6 @@ from evaluator.records.run import Plan, RunRecord, ServerRecord
 from evaluator.report.agent_results import Run
 from evaluator.report.attachments import attached, film_file
 from evaluator.store.run_folder import RunFolder
-from evaluator.study.forking import line_hashes
 from scenes import find_pack, pack_hash
 from tests.builders.records import RIGHT, VERSIONS, episode_key
 from tests.builders.scored import scored
@@ -51,7 +50,7 @@ def key_of(scene: int, turns: Turns, seed: int = 0) -> EpisodeKey:
 
 def record_of(run: RunFolder, key: EpisodeKey) -> str:
     """Return the SHA-256 of an episode's record; its film carries the same hash."""
-    return line_hashes(run)[key]
+    return run.line_hashes()[key]
 
 
 def file_of(run: RunFolder, key: EpisodeKey) -> Path:

@@ -1,4 +1,4 @@
-/** Lines in the charts of a notebook that stand at the time of its film. */
+/** Lines in the charts of a notebook that stand at the time of its film, or at its call if a chart counts calls. */
 
 const SVG = "http://www.w3.org/2000/svg";
 /** Plotted area of a chart: distances from its upper and lower edge. */
@@ -6,9 +6,11 @@ const [TOP, BOTTOM] = [8, 22];
 
 interface Cursor {
   line: SVGLineElement;
-  /** Coordinate of time 0, and of a second after it. */
+  /** Coordinate of time 0, or of call 0, and of a second, or a call, after it. */
   origin: number;
-  second: number;
+  unit: number;
+  /** After each call of the film, how many calls the chart counts; null if its axis is time. */
+  calls: number[] | null;
   ends: [number, number];
 }
 
@@ -20,10 +22,10 @@ export class ChartCursors {
     this.cursors = charts.map(cursorIn).filter((cursor) => cursor !== null);
   }
 
-  /** Stand at a simulated time [s]. */
-  place(time: number): void {
-    for (const { line, origin, second, ends } of this.cursors) {
-      const x = origin + time * second;
+  /** Stand at a simulated time [s], and at a call of the film, which is -1 before the first. */
+  place(time: number, call: number): void {
+    for (const { line, origin, unit, calls, ends } of this.cursors) {
+      const x = origin + (calls ? (calls[call] ?? 0) : time) * unit;
       line.setAttribute("x1", `${x}`);
       line.setAttribute("x2", `${x}`);
       line.setAttribute("visibility", x >= ends[0] && x <= ends[1] ? "visible" : "hidden");
@@ -42,12 +44,13 @@ function cursorIn(chart: SVGSVGElement): Cursor | null {
   if (!first || !last || first === last) return null;
   const [from, to] = [first, last].map((label) => Number(label.getAttribute("x"))) as [number, number];
   const [early, late] = [first, last].map((label) => Number(label.textContent)) as [number, number];
-  const second = (to - from) / (late - early);
-  if (!Number.isFinite(second)) return null;
+  const unit = (to - from) / (late - early);
+  if (!Number.isFinite(unit)) return null;
   const line = document.createElementNS(SVG, "line");
   line.setAttribute("class", "film-cursor");
   line.setAttribute("y1", `${TOP}`);
   line.setAttribute("y2", `${chart.viewBox.baseVal.height - BOTTOM}`);
   chart.append(line);
-  return { line, origin: from - early * second, second, ends: [from, to] };
+  const calls = chart.dataset["calls"]?.split(" ").map(Number) ?? null;
+  return { line, origin: from - early * unit, unit, calls, ends: [from, to] };
 }

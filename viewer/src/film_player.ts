@@ -140,7 +140,7 @@ export class FilmPlayer {
     const read = reel.read(course.current + 1);
     if (read !== this.read) this.picture.setRead((this.read = read));
     this.picture.show(poses);
-    this.cursors.place(course.time);
+    this.cursors.place(course.time, course.current);
     const call = course.calls[course.current];
     const turns = reel.film.calls.length;
     const where = call ? `turn ${call.turn + 1} of ${turns}, call ${call.call + 1}` : "before the first call";

@@ -12,6 +12,7 @@
       verdict: [node.dataset.verdict, ...("forgiven" in node.dataset ? ["forgiven"] : [])],
       scene: [node.dataset.scene], category: [node.dataset.category], agent: [node.dataset.agent],
       budget: [node.dataset.budget], outcome: [node.dataset.outcome], mode: node.dataset.modes.split(" "),
+      "evidence-verdict": [node.dataset.evidence],
     },
     text: (node.querySelector("summary").textContent + " " + node.dataset.reason).toLowerCase(),
     loading: null,

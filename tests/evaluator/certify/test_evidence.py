@@ -12,7 +12,8 @@ import pytest
 from evaluator.certify.evidence import measured
 from evaluator.certify.subject import Subject
 from evaluator.certify.verify import MemoryConnector, play_reference
-from evaluator.records.episode import Episode, EvidenceRecord, EvidenceVerdict, Verdict, evidence_verdict
+from evaluator.records.episode import Episode, Verdict
+from evaluator.records.evidence import EvidenceRecord, EvidenceVerdict, evidence_verdict
 from scenes import find_pack
 
 SEED, NOISE, RESOLUTION = 3, 0.05, 0.01

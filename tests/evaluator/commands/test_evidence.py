@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from evaluator.records.episode import EvidenceVerdict, evidence_verdict
+from evaluator.records.evidence import EvidenceVerdict, evidence_verdict
 from evaluator.store.run_folder import RunFolder
 from tests.builders.commands import physment_eval
 
