@@ -86,7 +86,7 @@ def evidence_charts(row: ScoredEpisode) -> list[Chart]:
         chart(
             "smallest standard error of the answer [tolerances] against calls",
             lines,
-            size=(620, 170),
+            size=(400, 160),
             decades=True,
             flag=None if at is None else (at, f"sufficed at call {at}"),
             calls=numbers,

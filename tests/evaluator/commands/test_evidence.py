@@ -74,6 +74,24 @@ def test_the_report_shows_the_evidence_of_present_episodes_alone(run: Path, tmp_
     folder.evidence_file.write_text(kept, encoding="utf-8")
 
 
+def test_the_comparison_and_the_summary_count_the_verdicts_of_measured_episodes(run: Path) -> None:
+    sides = ("compare", run, run, "--a", "agent=blind", "--b", "agent=reference")
+    physment_eval("evidence", run, "--workers", "1")
+    done = physment_eval(*sides, "--json")
+    found = json.loads(done.stdout)
+    assert found["evidence_b"]["verdicts"]["earned"] == 2
+    assert found["evidence_a"]["verdicts"]["earned"] == 0
+    assert "not measurable" in physment_eval(*sides).stdout
+    assert physment_eval("grade", run).returncode == 0
+    summary = json.loads(RunFolder(run).summary_file.read_text(encoding="utf-8"))
+    assert summary["by_agent"]["reference"]["evidence"]["verdicts"]["earned"] == 2
+    kept = RunFolder(run).evidence_file.read_text(encoding="utf-8")
+    RunFolder(run).evidence_file.unlink()
+    assert "evidence_a" not in json.loads(physment_eval(*sides, "--json").stdout)
+    assert "not measurable" not in physment_eval(*sides).stdout
+    RunFolder(run).evidence_file.write_text(kept, encoding="utf-8")
+
+
 def test_while_seeds_are_held_back_no_rival_is_named(tmp_path: Path) -> None:
     key = tmp_path / "seeds.key"
     key.write_text("5a" * 32 + "\n", encoding="utf-8")
