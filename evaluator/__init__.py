@@ -1,6 +1,6 @@
 """The client side: opens laboratory sessions over MCP, lets agents play, grades, scores and reports.
 
-The names below are the public interface for Python programs; docs/how-to/use-as-a-library.md shows them at work. They
+The names below are the public interface for Python programs; docs/how-to/use-as-a-library.md shows their use. They
 are loaded when first used, so that `import evaluator` stays light.
 """
 

@@ -175,7 +175,7 @@ async def film_of(episode: Episode, opens: Opens, record_sha256: str, *, reveale
 
 
 def _changes(episode: Episode, drawings: Sequence[Mapping[str, Any]]) -> Iterator[tuple[int, Mapping[str, Reading]]]:
-    """Yield the calls, counted over all turns, that change what was read last of objects that some drawing lacks."""
+    """Yield the number of each call that changes the last read position of an undrawn object, with all positions."""
     always = set[str].intersection(*({body["id"] for body in drawing["bodies"]} for drawing in drawings))
     read: Mapping[str, Reading] = {}
     exchanges = (exchange for turn in episode.turns for exchange in turn.exchanges)

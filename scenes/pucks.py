@@ -30,7 +30,7 @@ _SIZES = (0.25, 0.5, 0.75, 1.0)
 
 @dataclass(frozen=True, slots=True)
 class PuckFloor:
-    """How a solution pushes the puck, fits its laws and predicts, in SI units."""
+    """Pushes the puck, fits its laws and predicts, in SI units."""
 
     laws: Laws
     """The state begins with x, y, vx and vy; the controls are the forces along x and y; one of the constants is `m`."""

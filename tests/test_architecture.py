@@ -39,7 +39,7 @@ ONLY_THERE = {
 """Library or module → the only parts of the tree that may import it."""
 
 CONTRACT = "physment_mcp.contract"
-"""What all packages may import of the laboratory's; it imports nothing of ours."""
+"""The part of the laboratory that all packages may import; it imports no other package of the project."""
 
 MODULE_RULES = {
     "evaluator/study/runner.py": {"evaluator.answers", "evaluator.scores"},

@@ -54,7 +54,7 @@ def test_the_numbers_in_its_introduction_are_those_of_its_rows() -> None:
 
 
 def text_of(number: int) -> str:
-    """What the page says of a statement."""
+    """Return the page's text about a statement."""
     return next(row[3] for row in rows() if number in numbers(row))
 
 

@@ -36,7 +36,7 @@ LAWS = ("unknown-1", "unknown-2", "no-check", "wrong-law")
 
 @dataclass(frozen=True, slots=True)
 class Handicap:
-    """What a taker does worse than the reference agent. The default is no handicap."""
+    """The ways in which a taker is worse than the reference agent. The default is no handicap."""
 
     calls: float = float("inf")
     """Number of calls that the taker makes before its answer; readings of further calls are missing."""
@@ -136,7 +136,7 @@ class _TakerPlayer:
     made: int = 0
     """Number of calls made."""
     asked: int = 0
-    """Number of calls that the protocol has asked for."""
+    """Number of calls that the protocol has requested."""
     reply: Reply | None = None
     """The latest reply of the protocol."""
     seen: list[tuple[Call, Reading]] = field(default_factory=list[tuple[Call, Reading]])
@@ -234,7 +234,7 @@ def _known(order: Sequence[str], fits: Mapping[str, Member], law: str) -> Sequen
 
 
 def _scaled(value: Any) -> Any:
-    """Return arguments in which every number that is not whole by its type is multiplied by `_WRONG`."""
+    """Return arguments in which every number is multiplied by `_WRONG`."""
     if isinstance(value, dict):
         return {name: _scaled(part) for name, part in cast("dict[str, Any]", value).items()}
     if isinstance(value, list):

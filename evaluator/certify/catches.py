@@ -198,7 +198,7 @@ class Watch:
     """Monitors all catches of a scene and the consistency of the readings of its objects."""
 
     def __init__(self, subject: Subject, draw: Draw, engine: Engine) -> None:
-        """Begin at the present state of the engine.
+        """Start monitoring at the present state of the engine.
 
         Raises:
             ExpressionError: An expression of a catch is not allowed.
@@ -211,7 +211,7 @@ class Watch:
         self._moves = {body: _Consistency() for body in present if engine.is_movable(body)}
         self._turns = {body: _Consistency() for body in self._moves if engine.turn(body)}
         self.worst = 0.0
-        """Largest share of its bounds that a held quantity has used up so far."""
+        """Largest share of its bounds that a quantity in `holds` has used up so far."""
 
     @property
     def acted(self) -> int:

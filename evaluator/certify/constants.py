@@ -108,7 +108,7 @@ class Constants:
         return parts, gradient, tolerance
 
     def bounds(self, fisher: Array) -> list[float]:
-        """Cramér-Rao bound of the standard error of each asked number, divided by its tolerance.
+        """Return the Cramér-Rao bound of each requested number's standard error, divided by its tolerance.
 
         Args:
             fisher: Fisher information on the continuous constants.

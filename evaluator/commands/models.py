@@ -97,7 +97,7 @@ def _table(*titles: str) -> Table:
 
 
 def _state(provider: Provider, environ: Mapping[str, str]) -> str:
-    """What is missing to use a provider, or "nothing"."""
+    """Return what is missing to use a provider, or "nothing"."""
     return escape("; ".join(missing(provider, environ))) or "[green]nothing[/]"
 
 

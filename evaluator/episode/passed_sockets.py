@@ -45,7 +45,7 @@ class ControlSocket:
                     return
 
     def close(self) -> None:
-        """Close the socket, which tells the process that no more sockets will come."""
+        """Close the socket, after which the process expects no more sockets."""
         self.socket.close()
 
 

@@ -1,1 +1,1 @@
-"""The published logs of the paper's runs: replays them on our server, and compares their verdicts with ours."""
+"""The published logs of the paper's runs: replays them on this project's server, and compares the verdicts."""

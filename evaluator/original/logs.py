@@ -3,8 +3,8 @@
 The turns are encoded in UTF-8, but the final block in a Windows code page. A log without a final block belongs to an
 episode that crashed.
 
-Replaying a log gives results of our server, which the model never saw. Only the results in the log can show whether a
-number in a reply was read or invented.
+Replaying a log gives results of this project's server, which the model never saw. Only the results in the log can show
+whether a number in a reply was read or invented.
 """
 
 import json

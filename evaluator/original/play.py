@@ -30,7 +30,7 @@ _SEPARATORS = re.compile(r"[,;\s]+")
 
 
 class Disagreement(StrEnum):
-    """Reason why the logged verdict and our verdict on an answer differ."""
+    """Reason why the logged verdict and this project's verdict on an answer differ."""
 
     OTHER_ANSWER = "another answer was read from the reply"
     SAME_TEXT = "the very text of the key, marked wrong"
@@ -47,7 +47,7 @@ class Disagreement(StrEnum):
 
 
 class Eq1Disagreement(StrEnum):
-    """Reason why Eq. 1 and our strict verdict differ."""
+    """Reason why Eq. 1 and this project's strict verdict differ."""
 
     CHOICE = "a number near one that stands for a choice"
     ZERO = "a key of 0, of which 5 % is nothing"
@@ -152,7 +152,7 @@ class LogAgent:
 
 @dataclass(frozen=True, slots=True)
 class PlayedLog:
-    """A log, and the episode that its replies gave on our server."""
+    """A log, and the episode that its replies gave on this project's server."""
 
     log: LoggedEpisode
     scene: int

@@ -81,16 +81,16 @@ class Row(Record):
     crashed_readable: int
     """Crashed episodes whose last reply has calls that we can parse."""
     not_played: int
-    """Episodes for which our server failed."""
+    """Number of episodes for which this project's server failed."""
     replies: Replies
     calls: Calls
     verdicts: Verdicts
     disagreements: dict[str, int]
-    """Reason why the log's verdict differs from ours → number of episodes."""
+    """Reason why the log's verdict differs from this project's → number of episodes."""
     scenes: dict[str, tuple[int, ...]]
     """Reason → scenes in which it occurred."""
     eq1_disagreements: dict[str, int]
-    """Reason why Eq. 1 and our strict verdict differ → number of episodes."""
+    """Reason why Eq. 1 and the strict verdict differ → number of episodes."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -107,7 +107,7 @@ class Compared:
 
 
 def compare(played: PlayedLog) -> Compared:
-    """Compare the verdict of a log with ours and with Eq. 1."""
+    """Compare the verdict of a log with this project's verdict and with Eq. 1."""
     answer = played.episode.answer if played.episode else None
     key: JsonValue = list(played.key) if isinstance(played.key, tuple) else played.key
     strict = played.grade is not None and played.grade.strict is Verdict.CORRECT

@@ -9,7 +9,7 @@ from scenes import reference_of
 
 
 def errata_table(results: Sequence[AgentResults]) -> Table | None:
-    """The known faults of the packs that were played, with what they do to accuracies; None if there are none."""
+    """Return the known faults of the packs that were played, with their effect on accuracies; None without any."""
     found: list[list[Cell]] = []
     for result in results:
         for one in result.summary.errata:

@@ -72,7 +72,7 @@ class Drawing(Record):
 
 
 class PlaceRead(Record):
-    """Where an object was when a call last returned its place."""
+    """Position of an object as last returned by a call."""
 
     position: _Triple
     angle: float | None = Field(default=None, exclude_if=lambda angle: angle is None)
@@ -91,7 +91,7 @@ class Film(Record):
     calls: tuple[tuple[_Index, ...], ...]
     """For each call of each turn, the index of the instant after it."""
     read: tuple[tuple[_Index, dict[_Name, PlaceRead]], ...] = Field(default=(), exclude_if=is_absent)
-    """From which call on, counted over all turns, what was read last of objects that are not drawn."""
+    """Number of a call over all turns → positions of undrawn objects as last read, from that call on."""
     drawings: tuple[Drawing, ...]
     cuts: tuple[tuple[_Index, _Index], ...]
     """Instants at which the drawing changes, with the index of the new drawing."""

@@ -1,4 +1,4 @@
-"""The tables of the paper, in its layout: our agents, and beside them the paper's models on the paper's scenes."""
+"""The tables of the paper in its layout: the run's agents, and the paper's models on the paper's scenes."""
 
 from collections.abc import Sequence
 from typing import NamedTuple

@@ -28,7 +28,7 @@ class Attempts(Record):
     tries: int
     """Smallest number of scored episodes of any scene: the largest k that can be estimated for all scenes."""
     points: tuple[AttemptPoint, ...]
-    """At k = 1, at powers of two, and at `tries`."""
+    """The points at k = 1, at powers of two, and at `tries`."""
 
 
 def pass_at_k(tries: int, successes: int, k: int) -> float:

@@ -72,7 +72,7 @@ class Cell(NamedTuple):
 
     scene: int
     verdicts: tuple[bool, ...]
-    """In the order of the budgets."""
+    """The verdicts in the order of the budgets."""
 
 
 def budget_curve(budgets: Sequence[int], cells: Sequence[Cell], margin: float = MARGIN) -> BudgetCurve:

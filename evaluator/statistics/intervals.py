@@ -130,7 +130,7 @@ RESAMPLES = 4999
 SEED = 0
 """Fixed random seed, so that the same verdicts give the same interval."""
 FEWEST = 8
-"""Least number of units for a bootstrap: with five scenes the 95 % interval had a coverage of 84 %."""
+"""Smallest number of units for a bootstrap: with five scenes the 95 % interval had a coverage of 84 %."""
 
 Array = NDArray[np.float64]
 

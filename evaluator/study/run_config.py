@@ -102,7 +102,7 @@ class RunConfig:
     patience: Patience = field(default_factory=Patience)
     """Timeouts and number of retries of requests to models."""
     stopping: str = "always"
-    """When agents are advised to answer."""
+    """Value of `--stopping`: the policy that advises agents when to answer."""
     command: tuple[str, ...] = ()
     """Arguments after `--`: the program of an external agent."""
     max_calls: int | None = None

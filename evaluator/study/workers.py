@@ -139,7 +139,7 @@ class WorkerSlot:
     """Number of episodes that the worker plays at a time."""
     ready: bool = False
     life: int = 0
-    """How often the worker was lost. Places that were offered before the last loss are discarded."""
+    """Number of times that the worker was lost. Places that were offered before the last loss are discarded."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -23,10 +23,10 @@ _MOST = 1_000_000
 """Longest range of numbers that is accepted; a longer one is a typing error."""
 
 _NUMBERS = ("scene", "seed", "index", "random_seed")
-"""What names a variant, besides the name of a split."""
+"""Fields that select a variant, besides the name of a split."""
 
 Variant = dict[str, Any]
-"""What a request says about the variant: of `scene`, `seed`, `split`, `index` and `random_seed` those that name it."""
+"""The selection of a variant in a request: some of `scene`, `seed`, `split`, `index` and `random_seed`."""
 End = Literal["budget_exhausted", "agent_error"]
 """Why an episode ends without an answer."""
 
@@ -43,7 +43,7 @@ class OpenedEpisode:
     owner_token: str = field(repr=False)
     """Asks for the reward. Never for the agent."""
     mcp_url: str
-    """Where the agent's calls go."""
+    """Address for the agent's calls."""
     player_token: str = field(repr=False)
     """The bearer token of these calls."""
     prompt: str
@@ -75,7 +75,7 @@ class Reward:
     chance: float = 0.0
     """Probability that a blind guess is right."""
     cost: float = 0.0
-    """What was taken off for iterations and calls."""
+    """Deduction for iterations and calls."""
 
 
 @dataclass(frozen=True, slots=True)

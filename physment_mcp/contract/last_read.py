@@ -1,7 +1,4 @@
-"""Where objects were read last: a function of the calls and of what they returned, and of nothing else.
-
-The laboratory and the films of the evaluator share it: both draw an object that is not watched in the same place.
-"""
+"""Finds the positions at which objects were last read, from calls and their results alone."""
 
 from collections.abc import Iterator, Mapping
 from typing import Any, TypeGuard, cast

@@ -1,7 +1,7 @@
-"""What connections and requests must fulfil before the host serves them.
+"""Checks of connections and requests before the host serves them.
 
-The protocol bounds the number of connections and the time that headers take. The middleware checks names, origin, and
-the size and time of bodies. Functions for the host check tokens and the frame of JSON-RPC. Knows no episodes.
+The protocol limits the number of connections and the time for headers. The middleware checks names, origin, and
+the size and time of bodies. Functions for the host check tokens and the form of JSON-RPC messages. Knows no episodes.
 """
 
 import asyncio
@@ -30,7 +30,7 @@ from physment_mcp.errors import quoted
 logger = logging.getLogger(__name__)
 
 MAX_BODY = 64_000
-"""Largest accepted request [bytes], as a body or as a line: three times the largest call that a tool looks at."""
+"""Largest accepted request [bytes], as a body or as a line: three times the largest call that a tool accepts."""
 BODY_S = 15.0
 """Deadline for the body of a request [s], from the end of its headers (kind `slow uploads`)."""
 
@@ -67,14 +67,14 @@ class Connections:
         return False
 
     def leave(self, address: str) -> None:
-        """A connection that was counted is closed."""
+        """Record that a counted connection is closed."""
         self._open[address] -= 1
         if not self._open[address]:
             del self._open[address]
 
 
 def bounded_protocol(connections: Connections, request_s: float = REQUEST_S) -> type[asyncio.Protocol]:
-    """The protocol class of one server, for `uvicorn.Config`.
+    """Return the protocol class of one server, for `uvicorn.Config`.
 
     Args:
         connections: Counts the connections of this server.
@@ -153,7 +153,7 @@ class _BoundedProtocol(AutoHTTPProtocol):
         self._transport.close()
 
     def _in_request(self) -> bool:
-        """Whether the headers of a request have been read, and its response is not complete."""
+        """Return whether the headers of a request have been read, and its response is not complete."""
         cycle: Any = getattr(self, "cycle", None)
         return cycle is not None and not cycle.response_complete
 
@@ -162,14 +162,14 @@ class HttpGuard:
     """ASGI middleware that reads the body of a request and passes the request on, or refuses it.
 
     It refuses a Host header with a foreign name, and an Origin header of a foreign site. This prevents DNS rebinding: a
-    web page makes its own name resolve to our address, and its requests then carry that name. The address of our end
-    of the connection cannot be forged in this way, so it is accepted. Starlette's `TrustedHostMiddleware` compares with
-    a fixed list, which cannot hold the addresses of a server that listens on all interfaces.
+    web page makes its own name resolve to this server's address, and its requests then carry that name. The local
+    address of the connection cannot be forged in this way, so it is accepted. Starlette's `TrustedHostMiddleware`
+    compares with a fixed list, which cannot hold the addresses of a server that listens on all interfaces.
 
     Args:
-        app: The application behind.
-        admit: Awaited with the path of each request before it is looked at.
-        names: Names that it accepts besides its addresses and loopback.
+        app: The application behind the middleware.
+        admit: Awaited with the path of each request before any check.
+        names: Accepted names besides the server's addresses and loopback.
         most: Largest accepted body [bytes].
         within_s: As `BODY_S`.
     """
@@ -218,7 +218,7 @@ class HttpGuard:
         return None
 
     async def _body(self, receive: Receive) -> bytes | JSONResponse | None:
-        """The body; a response that refuses it; or None if the client disconnected during the upload."""
+        """Return the body; a response that refuses it; or None if the client disconnected during the upload."""
         body = bytearray()
         complete = False
         with anyio.move_on_after(self._within_s):
@@ -235,7 +235,7 @@ class HttpGuard:
 
 
 def with_body(body: bytes, receive: Receive) -> Receive:
-    """An ASGI `receive` that returns a body that was read already, and then the messages of the original one."""
+    """Return an ASGI `receive` that yields a body that was read already, then the messages of the original one."""
     first: list[Message] = [{"type": "http.request", "body": body, "more_body": False}]
 
     async def next_message() -> Message:
@@ -245,7 +245,7 @@ def with_body(body: bytes, receive: Receive) -> Receive:
 
 
 def has_token(request: Request, *tokens: str | None) -> bool:
-    """Whether a request carries one of these bearer tokens; None never matches."""
+    """Return whether a request carries one of these bearer tokens; None never matches."""
     scheme, _, shown = request.headers.get("authorization", "").partition(" ")
     given = shown.strip().encode()
     # Every token is compared, each in constant time, so the duration reveals nothing about them.
@@ -254,7 +254,7 @@ def has_token(request: Request, *tokens: str | None) -> bool:
 
 
 def refuse(status: int, sentence: str) -> JSONResponse:
-    """A response that refuses with a sentence; with status 401 it asks for a bearer token."""
+    """Return a response that refuses with a sentence; with status 401 it asks for a bearer token."""
     headers = {"WWW-Authenticate": "Bearer"} if status == 401 else None
     return JSONResponse({"error": sentence}, status_code=status, headers=headers)
 
@@ -272,7 +272,7 @@ class Fault(NamedTuple):
 
 
 def fault_of(body: bytes) -> Fault | None:
-    """The error in the body of a request; None if it is a JSON-RPC message.
+    """Return the error in the body of a request; None if it is a JSON-RPC message.
 
     The MCP SDK would reply with the text of a pydantic error, which names its classes.
     """

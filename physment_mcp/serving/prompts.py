@@ -53,10 +53,10 @@ _COLUMNS = (
 
 
 def opening_prompt(session: Session, options: PromptOptions = PromptOptions()) -> str:
-    """The whole opening prompt of an episode.
+    """Return the complete opening prompt of an episode.
 
     Args:
-        session: The episode; only what is public at its start is used.
+        session: The episode. Only information that is public at its start is used.
         options: Prompting, call protocol and iteration budget.
     """
     text = options.protocol is CallProtocol.TEXT

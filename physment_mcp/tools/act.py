@@ -75,7 +75,7 @@ class CollisionArguments(Arguments):
 
 
 _SHORT_MOVE = "its joints let it move only along its slides, and within their range; it went as near as they allow"
-"""Note in the result if the joints of an object did not allow the whole move."""
+"""Note in the result if the joints of an object prevented a part of the move."""
 
 
 def _check_loose(session: Session, item: LabObject) -> None:

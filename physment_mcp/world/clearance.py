@@ -26,7 +26,7 @@ It is the usual resolution of positions, and a tenth of the overlap that is allo
 whether two bodies may touch.
 """
 COARSEST = 1e-3
-"""Largest step [m] of fixtures. A coarser step would refuse free places beside a floor or a wall."""
+"""Largest step [m] of fixtures. With a coarser step, positions close to a floor or wall would be refused."""
 
 
 def depths(sensors: Sensors, qpos: Array, tree: list[int]) -> dict[tuple[int, int], float]:

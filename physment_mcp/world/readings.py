@@ -55,10 +55,10 @@ class Shape(NamedTuple):
 
 
 class Contact(NamedTuple):
-    """Where two bodies touch.
+    """A contact of two bodies.
 
     `point` (3,) [m] is the mean over their contacts, `normal` (3,) points from the first body to the second,
-    `approach_speed` [m/s] is positive while they close in on each other.
+    `approach_speed` [m/s] is positive while they approach each other.
     """
 
     point: Array
@@ -203,7 +203,7 @@ def normal_row(
 
 
 def overlaps(model: mujoco.MjModel, data: mujoco.MjData, bodies: Iterable[int]) -> dict[tuple[int, int], float]:
-    """Greatest depth [m] of overlap of each pair of a body of `bodies` and a body outside them."""
+    """Return the greatest depth [m] of overlap of each pair of a body in `bodies` and a body outside them."""
     depths: dict[tuple[int, int], float] = {}
     if not data.ncon:
         return depths  # the engine's list of contacts takes longer to make than all the rest

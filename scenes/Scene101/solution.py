@@ -1,4 +1,4 @@
-"""Scene 101: turn the wheel for long, fast and slowly; what its resistance has grown with tells the fast run."""
+"""Scene 101: turn the wheel for a long time, fast and slowly, and find out on what the wear of its bearing depends."""
 
 import numpy as np
 from scipy.optimize import least_squares
@@ -136,7 +136,7 @@ def _load(number, kg, spans):
 
 
 def solve(task):
-    """Find the scale; then fast, slow and fast again, with loads that follow from the spins before."""
+    """Find the scale of the torques; then turn fast, slowly and fast again, with loads computed from earlier speeds."""
     seen, number, kg = [], 0, FIRST_KG
     while not seen or _course(seen)[2][-1] < SEEN:
         calls = _load(number, kg, [SETTLE_S])

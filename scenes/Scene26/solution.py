@@ -1,4 +1,4 @@
-"""Scene 26: raise the force until the cart moves, lead its speed up and down below the guard, fit, integrate."""
+"""Scene 26: fit friction and resistance to the cart's motion below the guard, then integrate from 6 m/s to rest."""
 
 import numpy as np
 from scipy.optimize import nnls
@@ -119,7 +119,7 @@ def _plan(p, v, target, lasting):
 
 
 def solve(task):
-    """Small steps of the force until it moves; faster bit by bit, with free rolling between; then up and down."""
+    """Increase the force in small steps until the cart moves, then vary its speed by pushes and free rolling."""
     seen, push = [], START_N
     while not seen or seen[-1][1]["velocity"][0] < MOVES:
         calls = []

@@ -1,4 +1,4 @@
-"""Scene 41: load the pan ball by ball, decide which springs bear it, and carry their law on."""
+"""Scene 41: load the pan ball by ball, identify its springs from load and deflection, and extrapolate their law."""
 
 from math import pi
 
@@ -160,7 +160,7 @@ def _ball(number, kg, height, radius=RADIUS):
 
 
 def solve(task):
-    """Set down ball after ball on the floor, then take the simplest kind of springs that fits."""
+    """Load the pan with one ball after another, then choose the simplest kind of springs that fits."""
     exchanges, height = [], TOP
     for number in range(BALLS):
         calls = [

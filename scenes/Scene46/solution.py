@@ -1,4 +1,4 @@
-"""Scene 46: turn the handle step by step below the speed of the safety device, find the laws of shaft and works."""
+"""Scene 46: turn the handle step by step below the speed of the safety device, and fit the laws of shaft and works."""
 
 import numpy as np
 from scipy.optimize import brentq, least_squares
@@ -151,7 +151,7 @@ def _rest():
 
 
 def solve(task):
-    """Torques that grow step by step, first singly and watched, then two at a time."""
+    """Increase the torque step by step: at first one step at a time with a reading of the speed, then two at a time."""
     yield [call("find_objects")]
     exchanges, torque, more, number, way = [], 0.0, FIRST_NM, 0, 0.0
     allowed, gained = np.inf, 0.0

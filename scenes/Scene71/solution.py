@@ -1,4 +1,4 @@
-"""Scene 71: shift the hidden rider and let the spring weigh it."""
+"""Scene 71: move the hidden rider, and weigh it with the spring."""
 
 from math import asin
 

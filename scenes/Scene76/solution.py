@@ -1,4 +1,4 @@
-"""Scene 76: drive the first cart to and fro, fit every coupling with every resistance, carry the law to 10 m/s."""
+"""Scene 76: drive the first cart back and forth, fit all couplings and resistances, and extrapolate to 10 m/s."""
 
 from scenes.courses import Predictor
 from scenes.family import members
@@ -29,7 +29,7 @@ def rivals(readings):
 
 
 def solve(task):
-    """Find out how hard to push, then drive to and fro; compare all structures."""
+    """Find out how hard to push, then drive the carts back and forth, and compare all structures."""
     seen = yield from PAIR.driven(0.1, 3000.0, 9.0, LEVELS, TIMES_S)
     yield [answer(MODEL.best(seen))]
 

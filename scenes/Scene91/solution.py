@@ -1,4 +1,4 @@
-"""Scene 91: one descent with loads put on and taken off; inertia and resistance from the energy of its stretches."""
+"""Scene 91: accelerate and slow down the drum by different loads, and fit inertia and resistance to its energy."""
 
 from math import sqrt
 
@@ -188,7 +188,7 @@ def fit(readings, structure):
 
 
 def solve(task):
-    """Find a load that moves the drum; then alternate between a load that drives it and one that lets it slow down."""
+    """Find a load that moves the drum; then alternate between one that drives it and one that lets it slow down."""
     exchanges, loads, spent = [], [], 0
 
     for kg in LADDER:

@@ -1,4 +1,4 @@
-"""Scene 96: turn the driver step by step up to just below the shield; lags and spins give the laws far above it."""
+"""Scene 96: turn the driver step by step up to just below the shield, and fit the laws to angles and speeds."""
 
 from math import pi
 
@@ -136,7 +136,7 @@ def rivals(readings):
 
 
 def solve(task):
-    """Tiny torques until the driver is seen ahead; then each torque follows from the lag before."""
+    """Increase tiny torques until the driver is visibly ahead; then compute each torque from the last lag."""
     torque, calls, seen, lag = FIRST_NM, [call("find_objects"), *_turn(FIRST_NM)], [], 0.0
     while lag < SEEN_RAD:
         seen += zip(calls, (yield calls), strict=True)

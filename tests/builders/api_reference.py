@@ -109,7 +109,7 @@ def _assigned(body: list[ast.stmt]) -> Iterator[tuple[str, str]]:
 
 
 def _is_call(value: ast.expr) -> bool:
-    """Whether a default is a call, such as `Field(…)`, which tells a reader nothing."""
+    """Return whether a default is a call, such as `Field(…)`, which is omitted from the page."""
     return isinstance(value, ast.Call)
 
 

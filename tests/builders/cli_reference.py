@@ -52,7 +52,7 @@ def listed(parser: argparse.ArgumentParser) -> Parsers:
 
 
 def _described(parser: argparse.ArgumentParser, what: str = "", *, described: bool = True) -> Iterator[str]:
-    """What a parser takes: its description, and a table of the arguments and options of each group."""
+    """Format a parser: its description, and a table of the arguments and options of each group."""
     yield from _prose((described and parser.description) or f"{what[:1].upper()}{what[1:]}.")
     for group in parser._action_groups:
         rows = [

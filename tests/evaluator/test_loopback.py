@@ -17,7 +17,7 @@ async def page(_request: Request) -> PlainTextResponse:
 
 
 async def asked(*hosts: str) -> httpx.Response:
-    """The response to a request with these Host headers."""
+    """Return the response to a request with these Host headers."""
     guarded = Starlette(
         routes=[Route("/", page)], middleware=[Middleware(OnlyHere, headers={b"x-frame-options": b"DENY"})]
     )

@@ -31,7 +31,7 @@ class Row(BaseModel):
     evidence: tuple[str, ...] = ()
     """Tests as `path::function`, pages as paths, commands as they are typed."""
     note: str = ""
-    """What is missing or different; needed unless the item is met."""
+    """A description of the missing or different part; needed unless the item is met."""
 
 
 CHECKLISTS = TypeAdapter(dict[Literal["abc", "betterbench", "benchjack"], tuple[Row, ...]]).validate_python(
@@ -67,7 +67,7 @@ _SECTIONS = (
 
 
 def faults(row: Row) -> list[str]:
-    """What is wrong with the evidence of a row, as sentences; empty if nothing is."""
+    """Return the faults in the evidence of a row, as sentences; empty if there are none."""
     found = [f"{row.item}, {row.asks}: {one} does not exist" for one in row.evidence if not _exists(one)]
     if row.status == "met" and not row.evidence:
         found.append(f"{row.item}, {row.asks}: met without evidence")

@@ -26,7 +26,7 @@ from tests.harness.clients.playing import LABORATORY, Rehearsed, canonical, exch
 from tests.harness.clients.scripted_model import KEY, app, serving
 
 ENVIRONMENTS = Path(os.environ.get("PHYSMENT_INTEGRATIONS") or ROOT / ".integrations")
-"""Where `python -m tests.harness.frameworks` puts an environment for each integration."""
+"""Folder in which `python -m tests.harness.frameworks` creates an environment for each integration."""
 
 
 @dataclass(frozen=True)

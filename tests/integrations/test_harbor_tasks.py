@@ -21,7 +21,7 @@ from tests.builders.paths import ROOT
 SEED = 41_287
 PATH = os.pathsep.join([str(Path(sys.executable).parent), "/usr/bin", "/bin"])
 ENVIRONMENT = {"PATH": PATH, "PYTHONPATH": str(ROOT)}
-"""Of a container, with this checkout in the place of the installed packages."""
+"""Environment variables of a container, with this checkout in place of the installed packages."""
 
 
 @dataclass(frozen=True)

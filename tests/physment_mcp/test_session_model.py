@@ -27,7 +27,7 @@ PERMISSIONS = {2: {"hidden": True}, 3: {"actuate": False}}
 NAMES = ("probe0", "probe1", "probe2")
 ODD_IDS = ("object_1", "1", "object_2", "2", "object_3", "object_4", "4", *NAMES, "nobody")
 PICKS = st.integers(0, 39)
-"""Which object a call names: mostly one on which the agent can act."""
+"""Strategy for the object that a call names: mostly one on which the agent can act."""
 HEIGHTS = st.sampled_from((-2.5, 0.0, 1.25, 40.0))
 FORCES = st.sampled_from((0.0, 1.5, -4.0, 5.0, 5.1))
 

@@ -1,4 +1,4 @@
-"""What programs may import from `scenes`."""
+"""Tests of the public names of `scenes`."""
 
 import scenes
 from tests.builders.public_names import check_public_names

@@ -52,7 +52,7 @@ async def _results() -> tuple[str, dict[str, Any], dict[str, Any], str]:
 
 
 def pixels(browser: Page, file: Path) -> np.ndarray:
-    """What is seen of the scene itself, above the controls."""
+    """Return the image of the scene itself, above the controls."""
     browser.picture(file, whole=False)
     return np.asarray(Image.open(file).convert("RGB"), dtype=np.int16)[20:380]
 
@@ -99,5 +99,5 @@ def plays(browser: Page, step: dict[str, Any], shot: Path) -> bool:
 
 
 def red(picture: np.ndarray) -> int:
-    """How many pixels are clearly red."""
+    """Count the pixels that are clearly red."""
     return int(((picture[..., 0] - picture[..., 1] > 60) & (picture[..., 0] - picture[..., 2] > 60)).sum())

@@ -225,7 +225,7 @@ def _curve(xs: Sequence[float], ys: Sequence[float], at: float) -> float:
 
 
 def _asked_setting(opening: Opening, control: Control, part: int) -> float:
-    """Return the setting that the question states for a part of the answer; the control's limit without one."""
+    """Return the setting that the question states for a part of the answer, or else the control's limit."""
     asked = opening.asked(control.unit)
     if not asked:
         return control.limit

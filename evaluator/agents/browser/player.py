@@ -43,7 +43,7 @@ class Ending:
     report: Path | None = None
     """The report of the episode; None if nothing was recorded."""
     choices: Mapping[str, str] = field(default_factory=dict[str, str])
-    """What can be played next: `seed` and `scene` → its name. Empty if nothing can."""
+    """Choices for the next episode: `seed` and `scene` → name. Empty if there are none."""
 
 
 @dataclass(slots=True)
@@ -56,13 +56,13 @@ class PageState:
     left: int = 0
     """Remaining iterations."""
     view: Mapping[str, Any] | None = None
-    """What may be seen now, with the motion during the last step; None if the server sends no views."""
+    """The current view, with the motion during the last step; None if the server sends no views."""
     waiting: bool = False
     """Whether the loop waits for the person's next turn."""
     ending: Ending | None = None
     """How the episode ended; None while it runs."""
     rules: Mapping[str, Any] = field(default_factory=dict[str, Any])
-    """What the prompt says about limits and further quantities, as JSON values: `limits` and `steps`."""
+    """Limits and further quantities from the prompt, as JSON values: `limits` and `steps`."""
     number: int = 1
     """Number of the episode on this page, from 1."""
     version: int = 0

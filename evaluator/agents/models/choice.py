@@ -115,8 +115,8 @@ PRESETS = (
     Preset("kimi-k2.5", "Kimi K2.5", "openrouter", "moonshotai/kimi-k2.5"),
     Preset("qwen-3.5", "Qwen 3.5", "openrouter", "qwen/qwen3.5-397b-a17b"),
 )
-"""The seven models of the paper. The four with open weights are asked at OpenRouter, with one key for all of them.
-A model at another provider is `model:PROVIDER:NAME`."""
+"""The seven models of the paper. The four open-weight models are requested from OpenRouter, with one key for all of
+them. A model at another provider is `model:PROVIDER:NAME`."""
 
 
 def public_url(url: str) -> str:

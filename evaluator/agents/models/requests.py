@@ -58,7 +58,7 @@ _RULES: tuple[tuple[type[Exception], type[EvaluatorError], str], ...] = (
 
 
 def judge(error: Exception, key: str | None) -> EvaluatorError:
-    """Translate the error of a failed request into one of our errors.
+    """Translate the error of a failed request into an error of this package.
 
     Args:
         error: Exception of the provider's client.

@@ -38,7 +38,7 @@ class PhysmentData(vf.TaskData):
 
 
 class PhysmentTaskConfig(vf.TaskConfig):
-    """How episodes are opened: `--env.taskset.task.*`."""
+    """Settings for opening episodes: `--env.taskset.task.*`."""
 
     referee: str = Field(default_factory=lambda: os.environ.get(URL_VARIABLE) or URL)
     """Address of `physment-eval referee`; the variable PHYSMENT_REFEREE_URL by default."""

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 AZIMUTH_DEG, ELEVATION_DEG = 106.0, -15.0
-"""The camera looks from -y, a little from the right and from above: x points to the right, z up."""
+"""Direction of the camera: from -y, slightly from the right and from above; x points to the right, z up."""
 FIELD_DEG = 30.0
 """Vertical field of view."""
 _ROUND_ALL, _ROUND_ONE = 1.2, 2.5

@@ -50,7 +50,7 @@ class Played:
         assert done.status_code == 204, done.text
 
     def end(self) -> str:
-        """What the command prints until it ends, once the page is closed."""
+        """Close the page, and return the output of the command until it ends."""
         with contextlib.suppress(httpx.HTTPError):
             self.http.post("close")
         out, _ = self.process.communicate(timeout=300)

@@ -26,12 +26,12 @@ class Row(NamedTuple):
 
 
 async def compare(what: str, ours: Timed, theirs: Timed, rounds: int, aim: float) -> Row:
-    """Time both sides in turn, after one round to warm up; the row holds the medians.
+    """Time two functions in turn, after one round to warm up; the row holds the medians.
 
     Args:
         what: Text of the row.
-        ours: Our side.
-        theirs: The other side.
+        ours: The function under test.
+        theirs: The reference.
         rounds: How often both are timed.
         aim: The ratio that we want to stay below.
     """

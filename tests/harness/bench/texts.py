@@ -11,7 +11,7 @@ Reader = Callable[[str], object]
 
 
 def numbers_stated(text: str) -> int:
-    """How many numbers a text states."""
+    """Count the numbers that a text states."""
     return sum(1 for _ in spoken_numbers(text))
 
 

@@ -15,7 +15,7 @@ from scenes.protocol import Call
 from tests.harness.clients.scripted_model import Conversation, joined_text, reply_to, split_at_replies
 
 _SERVER = "mcp__physment"
-"""What Claude Code and Codex put before the names of the tools of the server `physment`."""
+"""Prefix that Claude Code and Codex put before the names of the tools of the server `physment`."""
 
 
 def read_messages_request(body: Mapping[str, Any]) -> Conversation:

@@ -25,7 +25,7 @@ class CannotInstall(Exception):
 
 @dataclass(frozen=True, slots=True)
 class Environment:
-    """Where a client is installed."""
+    """The environment in which a client is installed."""
 
     folder: Path
 

@@ -31,7 +31,7 @@ QUARTER = 0.25
 """Largest difference between the keys of two engines, as a share of the tolerance; as between theory and engine."""
 
 Found = Mapping[str, Any]
-"""What `measuring` prints for a scene."""
+"""The output of `measuring` for a scene."""
 
 
 @dataclass(frozen=True, slots=True)

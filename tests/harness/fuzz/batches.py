@@ -17,7 +17,7 @@ from tests.harness.fuzz.formulas import Array
 
 MOST_CALLS = 12
 _ATTEMPTS = 60
-"""How many calls are drawn for a batch; those that are refused are left out."""
+"""Number of calls that are drawn for a batch; refused calls are dropped."""
 _READS = [tool.name for tool in TOOLS if tool.reads_only]
 
 

@@ -27,7 +27,7 @@ _AFTER_THE_END = 3
 _PLAYED_TWICE = 0.25
 """Share of episodes whose state-changing calls are played again in a new session."""
 _ATTEMPTS = 300
-"""How often a failure is played again to make it shorter."""
+"""Largest number of replays while a failure is shortened."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,7 +58,7 @@ class Failure:
 
 @dataclass(slots=True)
 class Tally:
-    """What was played so far."""
+    """Counts of episodes and calls so far, and the failures."""
 
     calls: Counter[str] = field(default_factory=Counter[str])
     refused: Counter[str] = field(default_factory=Counter[str])

@@ -22,7 +22,7 @@ class Tolerance:
     relative: float
 
     def agree(self, values: Array, keys: Array) -> NDArray[np.bool_]:
-        """Which values agree with their keys; NaN never does."""
+        """Return which values agree with their keys; NaN never does."""
         return np.abs(values - keys) <= self.absolute + self.relative * np.abs(keys)
 
 

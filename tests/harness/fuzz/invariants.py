@@ -22,7 +22,7 @@ from tests.harness.fuzz.permitted import overstepped
 from tests.harness.fuzz.private import Private
 
 LONGEST_SENTENCE = 1000
-"""Most characters of a refusal."""
+"""Largest number of characters of a refusal."""
 _INTERNALS = re.compile(
     r"Traceback|0x[0-9a-f]{6}|<\w+[ .]|\.py\b|physment_mcp|pydantic|numpy|np\.|array\(|mujoco|\bmj[A-Z_]|\bMj[A-Z]"
     r"|LabObject|Error\b|Exception|dataclass|\bself\b|site-packages|None\b|\bnan\b|\binf\b",
@@ -35,7 +35,7 @@ class Problem:
     """An invariant that a call broke."""
 
     kind: str
-    """Which invariant; a shrunk sequence must break the same."""
+    """Name of the invariant; a shortened sequence must break the same one."""
     detail: str
 
 
@@ -103,7 +103,7 @@ def fingerprint(session: Session, saved: Snapshot | None = None) -> tuple[Any, .
 
 
 def model_bytes(model: Any) -> bytes:
-    """The whole compiled model."""
+    """Return the compiled model as bytes."""
     buffer = np.empty(mujoco.mj_sizeModel(model), np.uint8)
     mujoco.mj_saveModel(model, None, buffer)
     return buffer.tobytes()

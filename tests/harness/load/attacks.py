@@ -29,7 +29,7 @@ _HELLO = {"protocolVersion": "2025-11-25", "capabilities": {}, "clientInfo": {"n
 _PROMPT = {"name": "scene", "arguments": {"prompting": "few-shot-cot"}}
 _SESSION_HEADERS = {"Accept": "application/json, text/event-stream", "Content-Type": "application/json"}
 _CLOSED = (OSError, asyncio.IncompleteReadError)
-"""What is raised when the host closes a connection."""
+"""Exceptions that are raised when the host closes a connection."""
 
 
 @dataclass

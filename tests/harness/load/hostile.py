@@ -61,7 +61,7 @@ class Compared:
 
     @property
     def ratio(self) -> float:
-        """How much slower the slowest call is under attack."""
+        """Ratio of the slowest call's duration with and without the attack."""
         usual, attacked = (statistics.median(one.slowest_ms for one in side) for side in (self.usual, self.attacked))
         return attacked / usual
 

@@ -1,4 +1,4 @@
-"""Where objects were read last follows from the calls and their results."""
+"""Tests that the last read positions of objects follow from the calls and their results."""
 
 from typing import Any
 

@@ -23,7 +23,7 @@ from physment_mcp.serving.listening import DeepBacklogServer
 from physment_mcp.serving.scheduling import Scheduler
 
 PATIENCE_S = 30.0
-"""How long a test waits for what must happen [s]."""
+"""Longest wait of a test for an expected event [s]."""
 Dial = Callable[[], socket.socket]
 
 

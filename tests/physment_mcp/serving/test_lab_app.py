@@ -143,7 +143,7 @@ UNWATCHED = 82
 
 
 async def _measured(seed: int, *calls: tuple[str, dict[str, Any]]) -> tuple[list[Any], dict[str, Any]]:
-    """What calls returned, and what may be seen after them."""
+    """Return the results of calls, and the view after them."""
     slot = EpisodeSlot(Session(load_scene(UNWATCHED, seed)), find_visibility=cached_visibility(None))
     async with app_client(build_server(slot)) as client:
         returned = [(await client.call_tool(tool, arguments)).structured_content for tool, arguments in calls]

@@ -25,7 +25,7 @@ def labels(world: World) -> dict[str, str]:
 
 
 FINEST = 1.5e-7
-"""Where a bisection ends [m]: ten times below the finest shift that a test makes."""
+"""Resolution of a bisection [m]: a tenth of the smallest shift that a test makes."""
 
 
 def largest_radius(world: World, centre: Any, low: float = 0.0, high: float = 2.0) -> float:

@@ -32,7 +32,7 @@ _PATIENCE = httpx.Timeout(30.0, read=300.0)
 
 
 _SESSIONS = 1000
-"""Most open sessions; a referee opens no more episodes by default."""
+"""Largest number of open sessions; a referee opens no more episodes by default."""
 
 
 class PhysmentVariant(BaseModel):

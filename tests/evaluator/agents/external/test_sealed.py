@@ -144,7 +144,7 @@ def test_a_user_is_found_by_name_and_number() -> None:
 
 
 UID = 64_123
-"""No user of a usual machine, so that ending all of its processes ends only ours."""
+"""User id that no user of this machine has, so that killing all its processes affects only those of the test."""
 
 
 @as_root
