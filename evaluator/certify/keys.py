@@ -26,14 +26,15 @@ def check_key(subject: Subject, episodes: Sequence[Episode]) -> Check:
 
     Args:
         subject: The scene.
-        episodes: The reference agent's episodes at seeds 0, 1, ….
+        episodes: The reference agent's episodes, each at another seed.
     """
     reasons: list[str] = []
     worst_engine, worst_half, worst_answer = 0.0, 0.0, 0.0
     stored, first = subject.pack.answer, subject.truth(subject.draw(0))
     if not subject.agrees(stored, first, 0.05):
         reasons.append(f"the stored answer is {stored}, but the key at seed 0 is {first}")
-    for seed, episode in enumerate(episodes):
+    for episode in episodes:
+        seed = episode.key.seed
         draw = subject.draw(seed)
         key = subject.truth(draw)
         reasons += _refusals(episode)

@@ -1,14 +1,15 @@
 """Certificates as records on disk: for each check its result, figures and, if it failed, reasons."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from importlib.metadata import version
 from pathlib import Path
 from typing import Literal
 
 from pydantic import Field
 
+from evaluator.errors import StoreError
 from evaluator.records.episode import FORMAT, Record
-from scenes import Pack
+from scenes import Pack, PackError, PackFiles, list_packs, pack_hash, read_pack
 
 CERTIFICATES_FILE = "certificates.json"
 """Name of the file in a folder of packs; for a second engine, see `file_for`."""
@@ -113,4 +114,70 @@ def engine_note(folder: Path) -> str:
     return (
         f"the certificates of these scenes hold on MuJoCo {stored.engine}, but {engine} is installed here; results"
         f" compare only with others on {engine}"
+    )
+
+
+def still_proven(folder: Path, packs: Sequence[PackFiles], seeds: int) -> list[SceneCertificate]:
+    """Return the stored certificates that are still valid: passed, of unchanged packs, on at least as many seeds.
+
+    A certificate that lacks a check, or was made with another version of the engine, is not valid.
+    """
+    stored = read_certificates(folder, version("mujoco"))
+    if stored is None:
+        return []
+    certificates = {certificate.scene: certificate for certificate in stored.scenes}
+    return [
+        certificate
+        for files in packs
+        if (certificate := certificates.get(files.scene_id)) is not None
+        and certificate.passed
+        and certificate.seeds >= seeds
+        and certificate.pack == pack_hash(files)
+        and tuple(check.name for check in certificate.checks) == _needed(files)
+    ]
+
+
+def _needed(files: PackFiles) -> tuple[str, ...]:
+    try:
+        return certificates_of(read_pack(files))
+    except PackError:
+        return ()
+
+
+def write_certificates(folder: Path, proven: Iterable[SceneCertificate]) -> Path:
+    """Write the certificates of the installed engine into a folder of packs; see `file_for`.
+
+    Scenes that are not in `proven` keep their stored certificates. So do scenes whose stored certificate shows the same
+    on more seeds.
+
+    Raises:
+        StoreError: The file cannot be written.
+    """
+    engine = version("mujoco")
+    file = file_for(folder, engine)
+    part = file.with_name(f"{file.name}.part")
+    before = read_certificates(folder, engine)
+    kept = before.scenes if before else ()
+    present = {files.scene_id for files in list_packs(folder)}
+    scenes = {certificate.scene: certificate for certificate in kept if certificate.scene in present}
+    for certificate in proven:
+        if certificate.scene in present and not _proves_more(scenes.get(certificate.scene), certificate):
+            scenes[certificate.scene] = certificate
+    certificates = Certificates(engine=engine, scenes=tuple(scenes[scene] for scene in sorted(scenes)))
+    try:
+        # Write to a temporary file first, so that a kill cannot leave a partial file.
+        part.write_text(certificates.model_dump_json(indent=1) + "\n", encoding="utf-8")
+        part.replace(file)
+    except OSError as error:
+        raise StoreError(f"{file} cannot be written: {error.strerror}") from error
+    return file
+
+
+def _proves_more(stored: SceneCertificate | None, new: SceneCertificate) -> bool:
+    """Return whether a stored certificate shows the same as the new one on more seeds."""
+    return (
+        stored is not None
+        and (stored.passed, stored.pack) == (new.passed, new.pack) == (True, stored.pack)
+        and stored.seeds > new.seeds
+        and {check.name for check in stored.checks} >= {check.name for check in new.checks}
     )

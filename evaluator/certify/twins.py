@@ -31,15 +31,26 @@ async def check_twins(subject: Subject, episodes: Sequence[Episode]) -> Check:
     reasons: list[str] = []
     if len({episode.prompt for episode in episodes}) > 1:
         reasons.append("the opening prompt depends on the seed")
-    first = await all_readings(subject.session_to_compare(subject.draw(0)))
+    first = await readings_at_start(subject, 0)
     for seed in range(1, len(episodes)):
-        revealing = _difference(first, await all_readings(subject.session_to_compare(subject.draw(seed))))
-        if revealing:
-            reasons.append(f"at the start {revealing} distinguishes seed {seed} from seed 0")
+        found = revealing(first, await readings_at_start(subject, seed), seed)
+        if found:
+            reasons += found
             break
     if len({str(subject.truth(subject.draw(seed))) for seed in range(len(episodes))}) == 1:
         reasons.append("all seeds have the same key")
     return check("twins", reasons, readings=len(first), seeds=len(episodes))
+
+
+async def readings_at_start(subject: Subject, seed: int) -> list[tuple[str, Reading]]:
+    """All readings at the start of a seed, each with its call."""
+    return await all_readings(subject.session_to_compare(subject.draw(seed)))
+
+
+def revealing(first: Sequence[tuple[str, Reading]], other: Sequence[tuple[str, Reading]], seed: int) -> list[str]:
+    """A reason if the readings at the start of a seed differ from those of seed 0; otherwise none."""
+    call = _difference(first, other)
+    return [f"at the start {call} distinguishes seed {seed} from seed 0"] if call else []
 
 
 def modalities(subject: Subject) -> list[str]:

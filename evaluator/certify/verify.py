@@ -4,7 +4,6 @@ import contextlib
 from collections.abc import AsyncGenerator, Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from functools import partial
-from importlib.metadata import version
 from pathlib import Path
 
 import anyio
@@ -19,25 +18,16 @@ from evaluator.certify.holds import check_holds
 from evaluator.certify.keys import check_constant, check_instrument, check_key
 from evaluator.certify.lint import lint
 from evaluator.certify.parallel import in_processes
-from evaluator.certify.records import (
-    CERTIFICATES,
-    Certificates,
-    Check,
-    SceneCertificate,
-    certificates_of,
-    check,
-    file_for,
-    read_certificates,
-)
+from evaluator.certify.records import CERTIFICATES, Check, SceneCertificate, certificates_of, check
 from evaluator.certify.subject import Subject
 from evaluator.certify.twins import check_modality, check_twins
 from evaluator.episode.connect import EpisodeConnector, HostConnector
 from evaluator.episode.loop import play_episode
 from evaluator.episode.toolbox import Toolboxes
-from evaluator.errors import InfrastructureError, StoreError
+from evaluator.errors import InfrastructureError
 from evaluator.records.episode import Episode, EpisodeKey, Versions
 from physment_mcp import open_episode
-from scenes import PackError, PackFiles, list_packs, pack_hash, read_pack
+from scenes import PackError, PackFiles, pack_hash
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,7 +82,7 @@ async def certify(files: PackFiles, seeds: int, laboratory: EpisodeConnector) ->
             await check_modality(subject),
             check_constant(subject),
             await check_difficulty(subject, episodes),
-            check_sane(subject, seeds, faults),
+            check_sane(subject, range(min(seeds, _SANE_SEEDS)), faults),
         ]
         if subject.pack.predicts:
             checks += [
@@ -112,10 +102,16 @@ async def certify(files: PackFiles, seeds: int, laboratory: EpisodeConnector) ->
     return _certificate(files, seeds, subject.pack.metadata.scene_name, category.value, checks)
 
 
-def check_sane(subject: Subject, seeds: int, faults: Sequence[str]) -> Check:
-    """Certificate 6: lint finds no fault, initial contacts are not deep, and energy does not increase."""
+def check_sane(subject: Subject, seeds: Iterable[int], faults: Sequence[str]) -> Check:
+    """Certificate 6: lint finds no fault, initial contacts are not deep, and energy does not increase.
+
+    Args:
+        subject: The scene.
+        seeds: Seeds whose models are run.
+        faults: What lint found.
+    """
     reasons = list(faults)
-    drawn = [subject.draw(seed).mjcf for seed in range(min(seeds, _SANE_SEEDS))]
+    drawn = [subject.draw(seed).mjcf for seed in seeds]
     depth = max(compiled_model.deepest_contact(mjcf) for mjcf in drawn)
     gain = max(compiled_model.energy_gain(mjcf) for mjcf in drawn)
     if depth > compiled_model.DEEPEST_M:
@@ -170,69 +166,3 @@ async def verify(
 
 def _certify_here(files: PackFiles, seeds: int, host: str) -> SceneCertificate:
     return anyio.run(certify, files, seeds, HostConnector(host))
-
-
-def still_proven(folder: Path, packs: Sequence[PackFiles], seeds: int) -> list[SceneCertificate]:
-    """Return the stored certificates that are still valid: passed, of unchanged packs, on at least as many seeds.
-
-    A certificate that lacks a check, or was made with another version of the engine, is not valid.
-    """
-    stored = read_certificates(folder, version("mujoco"))
-    if stored is None:
-        return []
-    certificates = {certificate.scene: certificate for certificate in stored.scenes}
-    return [
-        certificate
-        for files in packs
-        if (certificate := certificates.get(files.scene_id)) is not None
-        and certificate.passed
-        and certificate.seeds >= seeds
-        and certificate.pack == pack_hash(files)
-        and tuple(check.name for check in certificate.checks) == _needed(files)
-    ]
-
-
-def _needed(files: PackFiles) -> tuple[str, ...]:
-    try:
-        return certificates_of(read_pack(files))
-    except PackError:
-        return ()
-
-
-def write_certificates(folder: Path, proven: Iterable[SceneCertificate]) -> Path:
-    """Write the certificates of the installed engine into a folder of packs; see `file_for`.
-
-    Scenes that are not in `proven` keep their stored certificates. So do scenes whose stored certificate shows the same
-    on more seeds.
-
-    Raises:
-        StoreError: The file cannot be written.
-    """
-    engine = version("mujoco")
-    file = file_for(folder, engine)
-    part = file.with_name(f"{file.name}.part")
-    before = read_certificates(folder, engine)
-    kept = before.scenes if before else ()
-    present = {files.scene_id for files in list_packs(folder)}
-    scenes = {certificate.scene: certificate for certificate in kept if certificate.scene in present}
-    for certificate in proven:
-        if certificate.scene in present and not _proves_more(scenes.get(certificate.scene), certificate):
-            scenes[certificate.scene] = certificate
-    certificates = Certificates(engine=engine, scenes=tuple(scenes[scene] for scene in sorted(scenes)))
-    try:
-        # Write to a temporary file first, so that a kill cannot leave a partial file.
-        part.write_text(certificates.model_dump_json(indent=1) + "\n", encoding="utf-8")
-        part.replace(file)
-    except OSError as error:
-        raise StoreError(f"{file} cannot be written: {error.strerror}") from error
-    return file
-
-
-def _proves_more(stored: SceneCertificate | None, new: SceneCertificate) -> bool:
-    """Return whether a stored certificate shows the same as the new one on more seeds."""
-    return (
-        stored is not None
-        and (stored.passed, stored.pack) == (new.passed, new.pack) == (True, stored.pack)
-        and stored.seeds > new.seeds
-        and {check.name for check in stored.checks} >= {check.name for check in new.checks}
-    )

@@ -159,6 +159,16 @@ def seed_key(parser: "ActionsContainer") -> None:
     )
 
 
+def unproved(parser: "ActionsContainer") -> None:
+    """Declare `--unproved`."""
+    parser.add_argument(
+        "--unproved",
+        action="store_true",
+        help="do not prove seeds that no certificate covers (default: the reference protocol and the engine prove each"
+        " before it is played, a few seconds once; one that fails is left out)",
+    )
+
+
 def allow_modified(parser: "ActionsContainer") -> None:
     """Declare `--allow-modified`."""
     parser.add_argument(

@@ -20,7 +20,7 @@ from evaluator.episode.connect import EpisodeConnector, HostConnector, connect
 from evaluator.episode.loop import Participant
 from evaluator.errors import InfrastructureError, UsageError
 from evaluator.records.episode import EpisodeKey
-from evaluator.records.run import ForkedRun, Plan, RunRecord
+from evaluator.records.run import ForkedRun, Plan, RunRecord, SeedProofs
 from evaluator.store.redaction import Redaction
 from evaluator.store.run_folder import RunFolder
 from evaluator.study.integrity import Sealing
@@ -48,6 +48,8 @@ class PreparedRun:
     console: Console
     forked_from: ForkedRun | None = None
     """The run whose episodes are continued; None if they are played from their start."""
+    seed_proofs: SeedProofs | None = None
+    """What is known of seeds that no certificate covers; None if nothing was asked."""
 
 
 def play_run(run: PreparedRun) -> int:
@@ -167,7 +169,8 @@ async def _record(run: PreparedRun, laboratory: EpisodeConnector) -> RunRecord:
     part = None if shard == WHOLE else f"{shard.index}/{shard.count}"
     record = run_record(plan, run.config.packs, server, agents, part)
     worlds = played_worlds(run.config.packs, run.config.scenes_dir)
-    return record.model_copy(update={"forked_from": run.forked_from, "worlds": worlds})
+    known = {"forked_from": run.forked_from, "worlds": worlds, "seed_proofs": run.seed_proofs}
+    return record.model_copy(update=known)
 
 
 @contextlib.asynccontextmanager

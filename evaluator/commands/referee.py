@@ -17,7 +17,18 @@ import uvicorn
 
 from evaluator.answers.keys import KeyRing
 from evaluator.answers.rewards import RewardRule, Worth
-from evaluator.commands.base import Commands, count_of, folder_to_write, listening, port, price, run_async, seconds
+from evaluator.certify.seed_proofs import SeedProver
+from evaluator.commands.base import (
+    Commands,
+    count_of,
+    folder_to_write,
+    listening,
+    port,
+    price,
+    run_async,
+    seconds,
+    unproved,
+)
 from evaluator.episode.connect import HostConnector, connect
 from evaluator.errors import InfrastructureError, UsageError
 from evaluator.records.run import Plan
@@ -110,6 +121,7 @@ def add(commands: Commands) -> None:
         help=f"open variants of the split {HELD_BACK} alone: the key in FILE gives the seeds, a seed in a request then"
         " numbers a variant, and neither replies nor records tell the seeds",
     )
+    unproved(command)
     command.add_argument(
         "--out", type=folder_to_write, metavar="DIR", help="run folder for the graded episodes (default: none)"
     )
@@ -211,6 +223,7 @@ async def _refereeing(
         KeyRing(args.scenes_dir, host.seed_of),
         run_record(plan, packs, server),
         rule,
+        prover=SeedProver(packs, args.scenes_dir, host.seed_of, plan.held_back, skip=args.unproved),
         max_episodes=args.max_episodes,
         max_wall_s=args.max_wall_time,
     )

@@ -11,6 +11,7 @@ from evaluator.answers.keys import KeyRing
 from evaluator.certify.records import engine_note
 from evaluator.commands.base import Commands
 from evaluator.commands.playing import PreparedRun, create_folder, play_run
+from evaluator.commands.proving import prove_seeds
 from evaluator.commands.run_options import add_options, read_options
 from evaluator.commands.telemetry import require_otel
 from evaluator.errors import UsageError
@@ -101,8 +102,8 @@ def _run(args: argparse.Namespace) -> int:
     config = read_options(args)
     participants = participants_of(config)
     plan = config.plan(participants)
-    keys = [key for key in plan.matrix() if config.shard.takes(key)]
     if config.dry_run:
+        keys = [key for key in plan.matrix() if config.shard.takes(key)]
         print(*estimate_lines(plan, keys, config.shard, config.concurrency), sep="\n")
         return 0
     if config.otel:
@@ -114,9 +115,12 @@ def _run(args: argparse.Namespace) -> int:
     for note in (*_timestep_notes(config.packs), engine_note(config.scenes_dir or default_folder())):
         if note:
             print(f"physment-eval: {note}", file=sys.stderr)
+    plan, proofs = prove_seeds(config, plan)
+    keys = [key for key in plan.matrix() if config.shard.takes(key)]
     folder = create_folder(config, participants)
     answers, console = KeyRing(config.scenes_dir, config.seed_of), Console(stderr=config.as_json)
-    return play_run(PreparedRun(config, participants, plan, keys, folder, answers, Meter(config.limits), console))
+    meter = Meter(config.limits)
+    return play_run(PreparedRun(config, participants, plan, keys, folder, answers, meter, console, seed_proofs=proofs))
 
 
 def _timestep_notes(packs: Iterable[PackFiles]) -> Iterator[str]:

@@ -23,9 +23,11 @@ from evaluator.commands.base import (
     count_of,
     folder_to_write,
     seconds,
+    unproved,
     us_dollars,
 )
 from evaluator.errors import UsageError
+from evaluator.records.run import SEED_SHIFT
 from evaluator.study import process_executor
 from evaluator.study.integrity import read_seed_key
 from evaluator.study.participants import AGENTS, EXTERNAL
@@ -34,6 +36,7 @@ from evaluator.study.selection import (
     SUITE,
     USUAL_SEEDS,
     Selected,
+    find_split,
     parse_numbers,
     parse_scenes,
     select,
@@ -80,6 +83,8 @@ def read_options(args: argparse.Namespace, environ: Mapping[str, str] = os.envir
         split=split,
         budgets=parse_numbers(args.budgets, "--budgets", 1),
         seeds=seeds,
+        spare_seeds=_spare_seeds(args),
+        unproved=args.unproved,
         epochs=args.epochs,
         same_seeds=args.same_seeds,
         promptings=_among(args.prompting, "--prompting", PROMPTINGS),
@@ -134,6 +139,15 @@ def _selected(args: argparse.Namespace) -> Selected:
     return select(args.split, args.scenes, args.seeds, args.scenes_dir)
 
 
+def _spare_seeds(args: argparse.Namespace) -> range:
+    """The seeds after the default ones of a split, or of a seed key; none if `--seeds` named the seeds."""
+    if args.seeds is not None:
+        return range(0)
+    if args.seed_key is not None:
+        return range(USUAL_SEEDS, SEED_SHIFT)
+    return range(0) if args.split is None else find_split(args.split).seeds[USUAL_SEEDS:]
+
+
 def add_options(run: argparse.ArgumentParser) -> None:
     """Declare all options of `run`."""
     run.add_argument(
@@ -178,6 +192,7 @@ def _matrix(group: "ArgumentGroup") -> None:
         help=f"play the split {HELD_BACK}: the key in FILE gives the seeds, --seeds then numbers the variants (default"
         f" 0-{USUAL_SEEDS - 1}), and the records tell neither the seeds nor what is right",
     )
+    unproved(group)
     group.add_argument(
         "--epochs", type=count_of("epochs"), default=1, metavar="N", help="repetitions of each episode (default 1)"
     )

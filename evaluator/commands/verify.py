@@ -19,6 +19,8 @@ from evaluator.certify.records import (
     Check,
     SceneCertificate,
     file_for,
+    still_proven,
+    write_certificates,
 )
 from evaluator.commands.base import Commands, count_of, run_async, wide_console
 from evaluator.episode.connect import LocalHost
@@ -106,11 +108,7 @@ def add(commands: Commands) -> None:
 
 
 def _verify(args: argparse.Namespace) -> int:
-    from evaluator.certify.verify import (  # noqa: PLC0415 - only this command needs the engine
-        still_proven,
-        verify,
-        write_certificates,
-    )
+    from evaluator.certify.verify import verify  # noqa: PLC0415 - only this command needs the engine
 
     packs, folder = parse_scenes(args.scenes, args.scenes_dir), args.scenes_dir or default_folder()
     kept = [] if args.all else still_proven(folder, packs, args.seeds)

@@ -47,6 +47,8 @@ class Plan(OpenRecord):
     held_back: str = Field(default="", exclude_if=is_absent)
     """Commitment to the key of held-back seeds. `seeds` are then numbers of variants, from which only the key derives
     the real seeds. Absent if `seeds` are the real seeds."""
+    replaced: dict[str, dict[int, int]] = Field(default_factory=dict[str, dict[int, int]], exclude_if=is_absent)
+    """Scene → seed that could not be proved → the seed that is played in its place; absent if there is none."""
 
     def matrix(self) -> list[EpisodeKey]:
         """Return all episodes in playing order: a run that is stopped early has complete epochs and budgets."""
@@ -54,7 +56,7 @@ class Plan(OpenRecord):
         return [
             EpisodeKey(
                 scene=scene,
-                seed=seed + (SEED_SHIFT * number if agent in self.own_seeds else 0),
+                seed=self._played(scene, seed + (SEED_SHIFT * number if agent in self.own_seeds else 0)),
                 agent=agent,
                 budget=budget,
                 prompting=prompting,
@@ -64,6 +66,20 @@ class Plan(OpenRecord):
             for number, (epoch, budget, prompting, protocol) in enumerate(repetitions)
             for agent, seed, scene in product(self.agents, self.seeds, self.scenes)
         ]
+
+    def _played(self, scene: int, seed: int) -> int:
+        return self.replaced.get(str(scene), {}).get(seed, seed)
+
+
+class SeedProofs(OpenRecord):
+    """What is known of the seeds that no certificate covers. Worlds are left out: theirs do not depend on the seed."""
+
+    proved: dict[str, tuple[int, ...]] = Field(default_factory=dict[str, tuple[int, ...]], exclude_if=is_absent)
+    """Scene → seeds that were proved before they were played; absent if there are none."""
+    unproved: dict[str, tuple[int, ...]] = Field(default_factory=dict[str, tuple[int, ...]], exclude_if=is_absent)
+    """Scene → seeds that were played without a proof: the operator wanted it, or the scene has no certificate."""
+    left_out: dict[str, dict[int, str]] = Field(default_factory=dict[str, dict[int, str]], exclude_if=is_absent)
+    """Scene → seed that was not played → the certificates that it fails; absent if there are none."""
 
 
 class PlayedWorld(OpenRecord):
@@ -142,6 +158,8 @@ class RunRecord(OpenRecord):
     """Scene → hash of its pack."""
     worlds: dict[str, PlayedWorld] = Field(default_factory=dict[str, PlayedWorld], exclude_if=is_absent)
     """Reference of a world → its provenance; absent if there are no worlds."""
+    seed_proofs: SeedProofs | None = Field(default=None, exclude_if=is_absent)
+    """What is known of seeds that no certificate covers; absent in records of versions that proved none."""
     versions: dict[str, str | None] = Field(default_factory=dict)
     """Python, platform and packages → version, at the first start."""
     git_revision: str | None = None

@@ -157,6 +157,17 @@ def variant_of(wanted: WantedEpisode, *, held_back: bool, folder: Path | None = 
     return _placed(split, _index(split, wanted), wanted.scene)
 
 
+def next_variant(variant: Variant) -> Variant:
+    """Return the variant at the scene's next seed in the split of a variant that has a place in one.
+
+    Raises:
+        RefusedRequest: It was the last seed of the split.
+    """
+    assert variant.index is not None
+    split = _split(variant.split, held_back=variant.split.partition("@")[0] == HELD_BACK)
+    return _placed(split, variant.index + len(split.scenes), variant.scene)
+
+
 def _world(wanted: WantedEpisode, world: WantedWorld, held_back: bool, folder: Path) -> Variant:
     """Return the world that a request selects, with the seed of its noise."""
     if wanted.scene is not None or wanted.seed is not None or None not in {wanted.index, wanted.random_seed}:

@@ -21,6 +21,7 @@ from evaluator.agents.external.watched import WatchedEpisode, outcome_of, watch_
 from evaluator.agents.reference import ReferenceAgent
 from evaluator.answers.keys import KeyRing
 from evaluator.answers.rewards import AnswerReward, RewardRule, answer_reward
+from evaluator.certify.seed_proofs import SeedProver
 from evaluator.episode.broken_connection import without_seed
 from evaluator.episode.connect import HostConnector
 from evaluator.episode.loop import play_episode
@@ -28,6 +29,7 @@ from evaluator.errors import InfrastructureError, RefusedRequest, UsageError
 from evaluator.records.episode import Episode, EpisodeKey, Grade, Outcome
 from evaluator.records.run import RunRecord
 from evaluator.referee.contract import EndedEpisode, OpenedEpisode, Reward, Variant, WantedEpisode, variant_of
+from evaluator.referee.proofs import proved_variant
 from evaluator.scores.scoring import grade_record
 from evaluator.store.run_folder import RunFolder
 from evaluator.study.provenance import played_worlds
@@ -68,6 +70,8 @@ class Referee:
     record: RunRecord
     """Run record, with the versions of episodes and the single agent name under which they are recorded."""
     rule: RewardRule = field(default_factory=RewardRule)
+    prover: SeedProver | None = None
+    """Proves seeds that no certificate covers before they are opened; None to open every seed."""
     folder: RunFolder | None = None
     """Run folder that records the episodes; None to record nothing."""
     max_episodes: int = 1000
@@ -135,8 +139,14 @@ class Referee:
             self._opening -= 1
 
     async def _variant(self, wanted: WantedEpisode) -> Variant:
+        """Return the variant to open.
+
+        Raises:
+            RefusedRequest: There is no such variant, or it cannot be proved.
+        """
         folder, held_back = self.keys.folder, bool(self.record.plan.held_back)
-        return await self._in_thread(functools.partial(variant_of, wanted, held_back=held_back, folder=folder))
+        variant = await self._in_thread(functools.partial(variant_of, wanted, held_back=held_back, folder=folder))
+        return variant if self.prover is None else await proved_variant(self.prover, wanted, variant)
 
     async def _key(self, variant: Variant, wanted: WantedEpisode, agent: str) -> EpisodeKey:
         """Build the episode key. A variant that has no answer key, or is withdrawn, is refused before it is played."""
@@ -318,7 +328,8 @@ class Referee:
                 "split": self.record.plan.split or (next(iter(splits)) if len(splits) == 1 else ""),
             }
         )
-        return self.record.model_copy(update={"plan": plan})
+        proofs = self.prover.record((scene, seed) for scene, seed, *_ in cells) if self.prover else None
+        return self.record.model_copy(update={"plan": plan, "seed_proofs": proofs})
 
     async def _in_thread(self, work: functools.partial[T]) -> T:
         return await anyio.to_thread.run_sync(work, limiter=self._grading)

@@ -124,6 +124,10 @@ class RunConfig:
     """Name and version of the split of scenes and seeds; empty if none was named."""
     budgets: tuple[int, ...] = (20,)
     seeds: tuple[int, ...] = (0,)
+    spare_seeds: range = range(0)
+    """Seeds that may take the place of one that cannot be proved; empty if the seeds were named."""
+    unproved: bool = False
+    """Whether seeds that no certificate covers are played without a proof."""
     epochs: int = 1
     same_seeds: bool = False
     """Whether external agents get the same seeds at each repetition, as other agents do."""

@@ -16,8 +16,9 @@ from evaluator.certify.records import (
     check,
     engine_note,
     read_certificates,
+    still_proven,
+    write_certificates,
 )
-from evaluator.certify.verify import still_proven, write_certificates
 from scenes import Category, PackFiles, pack_hash, read_pack
 from tests.builders.author import Author
 
