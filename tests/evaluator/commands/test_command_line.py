@@ -366,7 +366,7 @@ def _whole_lines(folder: Path) -> list[bytes]:
 def test_an_interrupted_run_says_how_to_continue_and_leaves_a_usable_folder(
     tmp_path: Path, how: signal.Signals, *, background: bool
 ) -> None:
-    assert _start_and_stop(tmp_path, "host", how, 3, "--seeds", "0-199", background=background) == 130
+    assert _start_and_stop(tmp_path, "host", how, 3, "--seeds", "0-199", "--unproved", background=background) == 130
     assert _processes_of_session(tmp_path) == []
     keys = _keys(tmp_path / "run")
     assert 3 <= len(keys) < 400
