@@ -9,6 +9,8 @@ _ENTRY = re.compile(r"^- \[(.+?)\]\((.+?\.md)\)", re.MULTILINE)
 _TITLE = re.compile(r"^# (.+)$", re.MULTILINE)
 _INDEX = "index.md"
 _RECORDS = "decisions/README.md"
+_SCENES = "reference/scenes.md"
+_SCENE = re.compile(r"reference/scenes/scene(\d+)\.md")
 
 
 def add_navigation(folder: Path, pages: Sequence[str]) -> None:
@@ -27,11 +29,15 @@ def add_navigation(folder: Path, pages: Sequence[str]) -> None:
         ("Decisions", _RECORDS),
         *((_title(folder / name), name) for name in pages if name.startswith("project/")),
     ]
+    scenes = sorted((int(found[1]), name) for name in pages if (found := _SCENE.fullmatch(name)))
     records = [name for name in pages if name.startswith("decisions/") and name != _RECORDS]
     listed = {name for entries in sections.values() for _, name in entries}
-    if lost := sorted(set(pages) - listed - set(records) - {_INDEX}):
+    if lost := sorted(set(pages) - listed - set(records) - {name for _, name in scenes} - {_INDEX}):
         raise LookupError(f"docs/index.md lists no {', '.join(lost)} in a section")
     _append(folder / _INDEX, "".join(_tree(title, entries) for title, entries in sections.items()))
+    if scenes:
+        own = [(_title(folder / name), name.removeprefix("reference/")) for _, name in scenes]
+        _append(folder / _SCENES, _tree("", own))
     _append(folder / _RECORDS, _tree("", [(_title(folder / name), Path(name).name) for name in records]))
 
 

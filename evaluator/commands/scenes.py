@@ -51,9 +51,9 @@ _LIST = """\
 A line for each scene, and how many scenes each rung has. With --html, also a page with a card for each scene.
 """
 _PAGES = """\
-Write what the documentation says of the scenes: reference/scenes.md with a picture of each scene, and
-explanation/worked-examples.md with a run of one scene of each category. The first tells no answers, hidden values or
-methods; the second tells the methods of its scenes.
+Write what the documentation says of the scenes: reference/scenes.md with a picture of each scene, a page of each in
+reference/scenes, and explanation/worked-examples.md with a run of one scene of each category. The first two tell no
+answers, hidden values or methods; the last tells the methods of its scenes.
 
 This runs the solution.py of each scene: name only folders you trust. Pictures need a library that draws off-screen,
 such as libosmesa6; without one the pages say so. Exit code: 0 written; 1 written, but something is wrong with a scene.
@@ -77,7 +77,7 @@ def add(commands: Commands) -> None:
     listing.add_argument(
         "--link",
         metavar="ADDRESS",
-        help="where the cards lead: a website's page of the scenes (default: docs/reference/scenes.md, if it is there)",
+        help="where the cards lead, with {scene} for the number (default: docs/reference/scenes, if there)",
     )
     show = _add_show(actions)
     new = actions.add_parser(
@@ -141,6 +141,10 @@ def _add_pages(actions: Commands) -> argparse.ArgumentParser:
 def _list(args: argparse.Namespace) -> int:
     if args.link is not None and not args.html:
         raise UsageError("--link belongs to --html: give a FILE too")
+    if args.link is not None and "{scene}" not in args.link:
+        raise UsageError(
+            "--link holds {scene} where the number of a scene belongs, as in site/reference/scenes/scene{scene}.html"
+        )
     split = find_split(args.split) if args.split else None
     packs = (
         scenes_in_split(split, args.scenes, args.scenes_dir) if split else parse_scenes(args.scenes, args.scenes_dir)

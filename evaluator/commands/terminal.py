@@ -14,9 +14,10 @@ from rich.table import Table
 from rich.text import Text
 
 from evaluator.answers.keys import KeyRing
+from evaluator.errors import UsageError
 from evaluator.records.episode import Episode, EpisodeKey, Outcome, Verdict
 from evaluator.scores.metrics import GroupSummary, RunSummary, summarise
-from evaluator.scores.scored_episode import ScoredEpisode
+from evaluator.scores.scored_episode import ScoredEpisode, scene_title
 from evaluator.scores.scoring import GradedRun, strict_verdict
 from evaluator.scores.wording import (
     curve_sentence,
@@ -113,7 +114,7 @@ class ProgressDisplay:
 
     def started(self, key: EpisodeKey) -> None:
         """Show the episode that has just started."""
-        self._bar.update(self._task, description=f"scene {reference_of(key.scene)} seed {key.seed}")
+        self._bar.update(self._task, description=f"scene {self._title(key.scene)}, seed {key.seed}")
 
     def ended(self, episode: Episode) -> None:
         """Count a finished episode, and show the results so far."""
@@ -122,19 +123,26 @@ class ProgressDisplay:
         state = printable(self._tally.line(key.agent))
         self._bar.update(self._task, advance=1, state=state)
         named = f"{printable(key.agent)}, " if len(self._tally.agents) > 1 else ""
-        line = f"[{self._done}/{self._total}] {named}{_describe(episode)}: {verdict.value} ({state})"
+        what = _describe(episode, self._title(key.scene))
+        line = f"[{self._done}/{self._total}] {named}{what}: {verdict.value} ({state})"
         if episode.outcome is Outcome.INFRASTRUCTURE_ERROR:
             self._console.print(f"{line}: {printable(episode.error or '')}", markup=False, highlight=False)
         elif not self._console.is_terminal:
             self._console.print(line, markup=False, highlight=False, soft_wrap=True)
 
+    def _title(self, scene: int) -> str:
+        try:
+            return printable(scene_title(scene, self._tally.keys.facts(scene).name))
+        except UsageError:  # a pack that only the host has
+            return reference_of(scene)
 
-def _describe(episode: Episode) -> str:
+
+def _describe(episode: Episode, title: str) -> str:
     key = episode.key
     what = episode.outcome.value.replace("_", " ")
     turns = "iterations" if episode.max_calls is None else "calls"
     return (
-        f"scene {reference_of(key.scene)} seed {key.seed} budget {key.budget}: {what} after"
+        f"scene {title}, seed {key.seed}, budget {key.budget}: {what} after"
         f" {len(episode.turns)} {turns}, {episode.duration_s:.1f} s"
     )
 

@@ -18,7 +18,7 @@ from urllib.parse import quote
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from evaluator.errors import UsageError
-from evaluator.pages.scene_table import SCENES_PAGE
+from evaluator.pages.scene_table import page_name
 from evaluator.report.notebook import pictures_folder, thumbnails
 from evaluator.scores.grouping import NO_RUNG
 from scenes import Category, Pack, PackFiles, Rung
@@ -118,8 +118,8 @@ def write_gallery(packs: Mapping[PackFiles, Pack], file: Path, page: str | None,
     Args:
         packs: The scenes, in the order in which the gallery shows them.
         file: Output file.
-        page: Address of the page with all scenes, to which the cards link; None for the documentation page next to
-            the folder of packs, if it exists.
+        page: Address of the page of a scene, to which its card links, with `{scene}` for the number; None for the
+            documentation pages next to the folder of packs, if they exist.
         scenes_dir: Folder of the packs; the suite's own if None.
 
     Raises:
@@ -135,7 +135,7 @@ def write_gallery(packs: Mapping[PackFiles, Pack], file: Path, page: str | None,
 
 
 def gallery(cards: Sequence[Card], page: str) -> str:
-    """Render the gallery. If the address of the page with all scenes is empty, the cards are not links."""
+    """Render the gallery. If the address of the pages is empty, the cards are not links."""
     environment = Environment(
         loader=PackageLoader("evaluator.pages"), autoescape=True, undefined=StrictUndefined, trim_blocks=True
     )
@@ -160,11 +160,12 @@ def _card(files: PackFiles, pack: Pack, thumbnail: bytes) -> Card:
 
 
 def _stored_page(file: Path, scenes_dir: Path | None) -> str:
-    """Return the address of the documentation page relative to a file; empty if the page does not exist."""
-    stored = pictures_folder(scenes_dir).parent / SCENES_PAGE.name
-    if not stored.is_file():
+    """Return the address of the documentation pages of scenes relative to a file; empty if there are none."""
+    stored = pictures_folder(scenes_dir)
+    if not any(stored.glob(page_name("*"))):
         return ""
     try:
-        return quote(Path(os.path.relpath(stored, file.resolve().parent)).as_posix())
+        folder = quote(Path(os.path.relpath(stored, file.resolve().parent)).as_posix())
     except ValueError:  # on Windows, from another drive
-        return stored.as_uri()
+        folder = stored.as_uri()
+    return f"{folder}/{page_name('{scene}')}"

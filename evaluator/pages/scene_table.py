@@ -107,7 +107,7 @@ KINDS: Mapping[str, tuple[int, ...]] = {
 SCENES_PAGE = Path("reference", "scenes.md")
 """Path of the page in the documentation."""
 PICTURES = "scenes"
-"""Folder of the pictures, next to the page."""
+"""Folder of the pictures and of the pages of single scenes, next to the page."""
 SMALL = "small"
 """Folder of the thumbnails, inside that of the pictures."""
 
@@ -123,6 +123,7 @@ hidden values or their ranges, no hidden objects, no methods.
   is the same for every seed: no hidden object, and no part whose position, size or colour depends on the seed. If
   nothing is left, it is a schematic of what an agent may read. Each leads to a larger picture with axes and a scale;
   the scale holds at the distance of the middle of the picture.
+- **Name**: leads to the page of the scene, with its task and limits.
 - **Answer**: its options; or its numbers, each with its unit, and how close is close enough.
 - **Iterations, interventions**: the number of turns of the reference protocol, and of calls in them that change the
   world; minimum and maximum over several seeds, because the length at one seed could reveal the answer.
@@ -158,16 +159,22 @@ def _row(listing: Listing, pictured: bool) -> tuple[str, ...]:
     return (
         _picture(listing.scene) if pictured else "no picture drawn",
         f'<a id="scene-{listing.scene}"></a>{listing.scene}',
-        escaped(listing.name),
+        f"[{escaped(listing.name)}]({PICTURES}/{page_name(listing.scene)})",
         escaped(", ".join(listing.concepts)),
         escaped(listing.answer),
-        f"{_span(listing.steps.iterations)}, {_span(listing.steps.interventions)}" if listing.steps else "–",
+        f"{span(listing.steps.iterations)}, {span(listing.steps.interventions)}" if listing.steps else "–",
         str(listing.in_sight),
     )
 
 
-def _span(ends: tuple[int, int]) -> str:
+def span(ends: tuple[int, int]) -> str:
+    """Format a minimum and a maximum, as one number if they are equal."""
     return "–".join(map(str, sorted(set(ends))))
+
+
+def page_name(scene: int | str) -> str:
+    """Return the file name of the page of a scene; with another text than a number, a pattern of such names."""
+    return f"scene{scene}.md"
 
 
 def _picture(scene: int) -> str:

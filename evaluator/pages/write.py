@@ -2,16 +2,18 @@
 
 import ast
 import json
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, cast
 
 from evaluator.certify.difficulty import ReferenceTurn, Transcript, play
+from evaluator.certify.records import read_certificates
 from evaluator.errors import UsageError
 from evaluator.pages.pictures import NoRenderer, Picture, draw_pictures
-from evaluator.pages.scene_table import PICTURES, SCENES_PAGE, SMALL, Listing, Steps, scenes_page
-from scenes import Pack, PackError, PackFiles, read_pack
+from evaluator.pages.scene_page import scene_page
+from evaluator.pages.scene_table import PICTURES, SCENES_PAGE, SMALL, Listing, Steps, page_name, scenes_page
+from scenes import Pack, PackError, PackFiles, PublicPack, read_pack, same_pack
 from scenes.protocol import ANSWER, Call, Reading
 
 EXAMPLES = (7, 16, 21, 26, 41, 46, 51, 66, 71, 76, 91, 96, 101)
@@ -162,7 +164,7 @@ class Written:
 def write_pages(
     packs: Sequence[PackFiles], out: Path, *, pictures: bool, jobs: int, on_done: Callable[[str], None]
 ) -> Written:
-    """Write both pages and the pictures. This executes the packs' `solution.py`.
+    """Write the pages and the pictures. This executes the packs' `solution.py`.
 
     Args:
         packs: The scenes.
@@ -190,8 +192,31 @@ def write_pages(
     _write(written, {folder / f"scene{scene}.png": picture.png for scene, picture in shown.items()})
     _write(written, {folder / SMALL / f"scene{scene}.png": picture.thumbnail for scene, picture in shown.items()})
     page = scenes_page(listings, shown)
+    _write(written, {folder / name: text.encode() for name, text in scene_pages(read, listings, shown)})
     _write(written, {out / SCENES_PAGE: page.encode(), out / EXAMPLES_PAGE: examples_page(examples).encode()})
     return written
+
+
+def scene_pages(
+    read: Mapping[PackFiles, Pack], listings: Sequence[Listing], shown: Collection[int]
+) -> Iterator[tuple[str, str]]:
+    """Yield the file name and the text of the page of each scene."""
+    packs = {files.scene_id: (files, pack) for files, pack in read.items()}
+    for listing in listings:
+        files, pack = packs[listing.scene]
+        stored = read_certificates(files.folder.parent)
+        found = [one for one in stored.scenes if one.scene == listing.scene] if stored else []
+        yield (
+            page_name(listing.scene),
+            scene_page(
+                listing,
+                PublicPack.of(listing.scene, pack),
+                pictured=listing.scene in shown,
+                certificate=found[0] if found and same_pack(found[0].pack, files) else None,
+                engine=stored.engine if stored else "",
+                example=listing.scene in EXAMPLES,
+            ),
+        )
 
 
 def _by_id(entry: tuple[PackFiles, Pack]) -> int:

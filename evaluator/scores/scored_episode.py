@@ -14,6 +14,12 @@ from evaluator.scores.sufficiency import MeasuredEpisode
 from scenes import Erratum, Rung, reference_of
 
 
+def scene_title(scene: int, name: str) -> str:
+    """Return reference and name of a scene, such as `28 Glider between cords`; for a world the reference alone."""
+    reference = reference_of(scene)
+    return f"{reference} {name}".rstrip() if reference.isdecimal() else reference
+
+
 @dataclass(frozen=True, slots=True)
 class ScoredEpisode:
     """One episode with its grade, scores, grounding and failures. Created only by `evaluator.scores.scoring`."""
@@ -52,8 +58,7 @@ class ScoredEpisode:
     @property
     def scene_title(self) -> str:
         """Reference and name of its scene, such as `28 Glider between cords`; for a world the reference alone."""
-        reference = reference_of(self.key.scene)
-        return f"{reference} {self.scene_name}".rstrip() if reference.isdecimal() else reference
+        return scene_title(self.key.scene, self.scene_name)
 
     @property
     def rung(self) -> str:

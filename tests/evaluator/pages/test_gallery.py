@@ -16,13 +16,13 @@ from tests.builders.chromium import Page, chromium, installed
 PNG = b"\x89PNG\r\n\x1a\n"
 
 
-def test_the_page_has_a_card_for_each_scene_with_its_picture_and_a_link_to_its_row(tmp_path: Path) -> None:
+def test_the_page_has_a_card_for_each_scene_with_its_picture_and_a_link_to_its_page(tmp_path: Path) -> None:
     for scene in (7, 101):
         shutil.copytree(default_folder() / f"Scene{scene}", tmp_path / "scenes" / f"Scene{scene}")
     small = tmp_path / "docs" / "reference" / "scenes" / "small"
     small.mkdir(parents=True)
     (small / "scene7.png").write_bytes(PNG)
-    (small.parent.parent / "scenes.md").write_text("rows", "utf-8")
+    (small.parent / "scene7.md").write_text("task", "utf-8")
     out = tmp_path / "out" / "scenes.html"
     out.parent.mkdir()
     assert main(["scenes", "list", "--scenes-dir", str(tmp_path / "scenes"), "--html", str(out)]) == 0
@@ -30,7 +30,7 @@ def test_the_page_has_a_card_for_each_scene_with_its_picture_and_a_link_to_its_r
     assert text.count("<li ") == 2
     assert base64.b64encode(PNG).decode() in text
     assert text.count("no picture") == 1
-    assert '<a href="../docs/reference/scenes.md#scene-7">7. Speed of a dropped ball</a>' in text
+    assert '<a href="../docs/reference/scenes/scene7.md">7. Speed of a dropped ball</a>' in text
     assert re.findall(r'data-rung="(\w+)" data-category="([a-z-]+)"', text) == [
         ("easy", "easy-single"),
         ("hard", "create-delete-attach"),
@@ -43,6 +43,12 @@ def test_a_link_without_a_page_and_a_page_that_cannot_be_written_are_refused(
 ) -> None:
     assert main(["scenes", "list", "--scenes", "7", "--link", "https://example.org/scenes"]) == 2
     assert "--link belongs to --html" in capsys.readouterr().err
+    html = str(tmp_path / "scenes.html")
+    assert main(["scenes", "list", "--scenes", "7", "--html", html, "--link", "https://example.org/scenes"]) == 2
+    assert "--link holds {scene}" in capsys.readouterr().err
+    address = "https://example.org/scene{scene}.html"
+    assert main(["scenes", "list", "--scenes", "7", "--html", html, "--link", address]) == 0
+    assert 'href="https://example.org/scene7.html"' in Path(html).read_text("utf-8")
     assert main(["scenes", "list", "--scenes", "7", "--html", str(tmp_path / "none" / "x.html")]) == 2
     assert "cannot be written" in capsys.readouterr().err
 

@@ -16,7 +16,8 @@ import pytest
 from evaluator.certify.difficulty import play
 from evaluator.commands.program import main
 from evaluator.pages.scene_table import KINDS, Listing, Steps, answer_form, scenes_page
-from evaluator.pages.write import EXAMPLES, SEED, Example, examples_page
+from evaluator.pages.write import EXAMPLES, SEED, Example, examples_page, scene_pages
+from evaluator.report.export import escaped
 from physment_mcp.world.pictures.framing import FramedParts, view_of
 from scenes import (
     AnswerKind,
@@ -87,7 +88,7 @@ def test_the_same_packs_give_identical_pages(three: Path, tmp_path: Path) -> Non
 
 def test_hidden_objects_are_not_counted(three: Path, tmp_path: Path) -> None:
     _, page, _ = written(three, tmp_path / "out", "--no-pictures")
-    assert re.search(r"Something is in the chamber .*\| 1 \|\n", page)
+    assert re.search(r"Something is in the chamber\]\(scenes/scene21\.md\) .*\| 1 \|\n", page)
 
 
 def test_no_private_field_gets_into_a_page(three: Path, tmp_path: Path) -> None:
@@ -108,7 +109,9 @@ def test_no_private_field_gets_into_a_page(three: Path, tmp_path: Path) -> None:
     )
     _, page, examples = written(three, tmp_path / "out", "--no-pictures")
     private = ("planted_knob", "planted_derived", "2.7182818", "2.7183", "3.1416", "3.14159", "0.31234", "8.76543")
-    assert [text for text in (PLANTED, *private) if text in page] == []
+    own = (tmp_path / "out" / "reference" / "scenes" / "scene21.md").read_text("utf-8")
+    assert [text for text in (PLANTED, *private) if text in page + own] == []
+    assert "`create_objects`" in own
     assert [text for text in private if text in examples] == []
     # Examples show the method and the hidden object that the protocol finds.
     assert examples.count(PLANTED) == len(("how", "why", "thing"))
@@ -200,6 +203,34 @@ def hidden_numbers(pack: Pack) -> list[str]:
     return [text for text in texts if len(re.sub(r"\D|^0\.0*", "", text.rstrip("0"))) >= 4]
 
 
+def test_the_stored_page_of_each_scene_is_what_its_pack_and_certificate_say() -> None:
+    packs = dict(readable())
+    listings = [Listing.of(files, pack, None) for files, pack in packs.items()]
+    folder = DOCS / "reference" / "scenes"
+    pictured = {listing.scene for listing in listings if (folder / f"scene{listing.scene}.png").is_file()}
+    made = dict(scene_pages(packs, listings, pictured))
+    assert set(made) == {file.name for file in folder.glob("*.md")}
+    stored = {name: (folder / name).read_text("utf-8").splitlines(keepends=True) for name in made}
+    measured = "- Length: the reference protocol takes "
+    assert [name for name, lines in stored.items() if sum(line.startswith(measured) for line in lines) != 1] == []
+    without = {name: "".join(line for line in lines if not line.startswith(measured)) for name, lines in stored.items()}
+    assert [name for name in made if without[name] != made[name]] == []
+
+
+def test_the_page_of_a_scene_has_its_task_limits_and_what_may_be_read_and_nothing_private() -> None:
+    text = (DOCS / "reference" / "scenes" / "scene21.md").read_text("utf-8")
+    assert text.startswith("# 21 ")
+    assert "object\\_2" not in text, "it is hidden"
+    for files, pack in readable():
+        text = (DOCS / "reference" / "scenes" / f"scene{files.scene_id}.md").read_text("utf-8")
+        rest = text.replace(escaped(pack.metadata.task), "")
+        assert len(rest) < len(text)
+        meanings = [knob.meaning for knob in pack.knobs.values()]
+        private = [pack.reasoning, pack.expected_behavior, *meanings, *pack.disabled_tools.values()]
+        assert not [one for one in private if one and one.lower() in rest.lower()], files.scene_id
+        assert not [one for one in hidden_numbers(pack) if one in rest], files.scene_id
+
+
 def test_there_is_one_example_of_each_category() -> None:
     categories = [category for category in Category if category is not Category.OPEN]
     assert [read_pack(find_pack(scene)).category for scene in EXAMPLES] == categories
@@ -254,7 +285,7 @@ def test_a_broken_pack_is_left_out_and_reported(
     assert "scene 8 is left out" in said
     assert "scene 21 is listed without its run" in said
     assert "Two balls" not in page
-    assert "Something is in the chamber | Newton's second law | a number (kg); within 5 % | – | 1 |" in page
+    assert "Something is in the chamber](scenes/scene21.md) | Newton's second law | a number (kg); within 5 % | – | 1 |" in page
 
 
 def test_without_a_renderer_the_page_is_written_and_one_sentence_says_why_it_has_no_pictures(
