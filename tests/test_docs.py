@@ -202,11 +202,13 @@ def test_every_decision_has_a_status_with_a_date() -> None:
     assert [page.name for page in pages if not status.match(page.read_text(encoding="utf-8"))] == []
 
 
-def test_the_readme_and_the_index_lead_to_every_page_but_the_decisions() -> None:
-    """Every page and every published schema must be linked in the index itself."""
+def test_the_readme_and_the_index_lead_to_every_page_but_decisions_and_scenes() -> None:
+    """Every other page and every published schema must be linked in the index itself."""
+    scenes = set((DOCS / "reference" / "scenes").glob("*.md"))
+    assert {target for target, _ in links(DOCS / "reference" / "scenes.md")} >= scenes
     listed = {target for target, _ in links(DOCS / "index.md")}
     pages = {page for kind in ("*.md", "*.schema.json") for page in DOCS.rglob(kind)}
-    unlisted = pages - listed - {DOCS / "index.md"}
+    unlisted = pages - listed - scenes - {DOCS / "index.md"}
     assert {page for page in unlisted if page.parent != DOCS / "decisions"} == set()
     assert DOCS / "index.md" in {target for target, _ in links(ROOT / "README.md")}
     assert {target for target, _ in links(DOCS / "decisions" / "README.md")} >= set(DOCS.glob("decisions/0*.md"))
