@@ -23,6 +23,7 @@ STAMPS = {
     "evaluator/episode/loop.py": {"play_episode"},
     "evaluator/referee/episodes.py": {"_open_one"},
     "evaluator/study/runner.py": {"unplayed"},
+    "evaluator/study/running_episodes.py": {"write"},
     "evaluator/study/provenance.py": {"run_record"},
     "evaluator/watch/app.py": {"_look"},
     "evaluator/commands/playing.py": {"create_folder"},

@@ -10,7 +10,6 @@ import uvicorn
 
 from evaluator.answers.keys import KeyRing
 from evaluator.commands.base import Commands, listening, open_page, page_token, port, run_async, seed_key
-from evaluator.errors import UsageError
 from evaluator.records.seed_key import seed_as_recorded
 from evaluator.store.run_folder import RunFolder
 from evaluator.study.integrity import is_withheld, seeds_of
@@ -19,8 +18,9 @@ from evaluator.watch.followed_run import FollowedRun
 
 _ADDRESS = "127.0.0.1"
 _DESCRIPTION = """\
-Show a run in the browser while it is played: how far it is, its accuracy so far with its interval, cost, the newest
-episodes, and which are in trouble or have been overtaken by later ones. A finished run can be looked at, too.
+Show a run in the browser while it is played: which episodes are played now, the accuracy so far with its interval and
+its course, cost, the newest episodes with their notebooks, and which are in trouble or were overtaken by later ones. A
+run that does not exist yet is waited for. A finished run can be looked at, too, with its report.
 
   physment-eval watch runs/mine                opens the page, and prints its address
   physment-eval watch runs/mine --no-open      only prints it
@@ -48,26 +48,48 @@ def add(commands: Commands) -> None:
 
 
 def _watch(args: argparse.Namespace) -> int:
-    if not args.folder.is_dir():
-        raise UsageError(f"{args.folder} does not exist; a run makes its folder when it starts")
     folder = RunFolder(args.folder)
-    withheld = is_withheld(folder) and args.seed_key is None
-    seed_of = seed_as_recorded if withheld else seeds_of(folder, args.seed_key)
-    run = FollowedRun(folder, KeyRing(args.scenes_dir, seed_of), withheld=withheld)
+    follow = functools.partial(_follow, folder, args.scenes_dir, args.seed_key)
+    begun = follow() is not None
     token = page_token()
     with listening(_ADDRESS, args.port) as listener:
         address = f"http://{_ADDRESS}:{listener.getsockname()[1]}/{token}/"
-        print(f"{args.folder} is shown at {address} until Ctrl-C", flush=True)
+        waits = "" if begun else "; no run has begun there yet"
+        print(f"{args.folder} is shown at {address} until Ctrl-C{waits}", flush=True)
         if not args.no_open:
             open_page(address)
         config = uvicorn.Config(
-            app(run, token), log_config=None, log_level="warning", timeout_graceful_shutdown=1, lifespan="off"
+            app(folder, follow, token),
+            log_config=None,
+            log_level="warning",
+            timeout_graceful_shutdown=1,
+            lifespan="off",
         )
         try:
             run_async(functools.partial(_serve, uvicorn.Server(config), listener))
         except KeyboardInterrupt:
             return 0  # Ctrl-C is the normal way to stop
     return 0
+
+
+def _follow(folder: RunFolder, scenes_dir: Path | None, seed_key: Path | None) -> FollowedRun | None:
+    """Open a run; None if its folder does not exist, or is still empty.
+
+    Raises:
+        StoreError: The folder holds something else.
+        UsageError: The key of the seeds cannot be read.
+    """
+    path = folder.path
+    if not folder.run_file.exists() and (not path.exists() or _is_new(path)):
+        return None
+    withheld = is_withheld(folder) and seed_key is None
+    seed_of = seed_as_recorded if withheld else seeds_of(folder, seed_key)
+    return FollowedRun(folder, KeyRing(scenes_dir, seed_of), withheld=withheld)
+
+
+def _is_new(path: Path) -> bool:
+    """Whether a folder holds nothing but hidden files, such as the lock of a run that begins."""
+    return path.is_dir() and all(found.name.startswith(".") for found in path.iterdir())
 
 
 async def _serve(server: uvicorn.Server, listener: socket.socket) -> None:

@@ -22,6 +22,7 @@ from evaluator.episode.connect import EpisodeConnector
 from evaluator.episode.player import ANSWER, Agent, Briefing, Feedback, Player, Reply, as_text, bounded
 from evaluator.episode.spans import call_span, end_call, turn_span
 from evaluator.episode.toolbox import Toolbox, Toolboxes
+from evaluator.episode.underway import note_call, note_turn
 from evaluator.errors import AgentError, InfrastructureError
 from evaluator.records.episode import (
     UNREAD,
@@ -79,6 +80,7 @@ async def play_episode(
         player = agent.player(key, briefing)
         feedback: Feedback | None = None
         for remaining in range(key.budget - 1, -1, -1):
+            note_turn(len(turns) + 1)
             with turn_span(len(turns) + 1):
                 turn, answered = await _take_turn(player, feedback, client, toolbox, used)
             turns.append(turn)
@@ -176,6 +178,7 @@ async def _run_batch(client: Client, reply: Reply, toolbox: Toolbox) -> _Batch:
             note, stopped = f"{misfit}; this call and the ones after it were not run.", True
             exchanges.append(Exchange(call=call, returned=False, is_error=True, text=misfit))
             continue
+        note_call(call.tool)
         with call_span(call.tool) as span:
             exchange = await _run(client, call, toolbox)
             end_call(span, exchange)

@@ -198,3 +198,21 @@ class RunRecord(OpenRecord):
             protocol=self.server.protocol,
             pack=self.packs[str(scene)],
         )
+
+
+class RunningEpisode(Record):
+    """An episode that is being played, for displays."""
+
+    key: EpisodeKey
+    turn: int
+    """Number of its present turn, from 1; 0 if it is not known."""
+    call: str
+    """Name of the last tool that was called; empty if it is not known."""
+    began_at: str
+    """Time of its beginning, ISO 8601 in UTC."""
+
+
+class RunningEpisodes(Record):
+    """The file `running.json`, which exists only while a run is played."""
+
+    episodes: tuple[RunningEpisode, ...]

@@ -56,6 +56,11 @@ class RunFolder:
         return self.path / "evidence.jsonl"
 
     @property
+    def running_file(self) -> Path:
+        """Path of the list of episodes that are being played, which exists only while the run does."""
+        return self.path / "running.json"
+
+    @property
     def seal_file(self) -> Path:
         """Path of the seal of the episodes."""
         return self.path / "seal.json"

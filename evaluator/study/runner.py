@@ -13,6 +13,7 @@ from evaluator.errors import InfrastructureError, PermanentFailure
 from evaluator.records.episode import Episode, EpisodeKey, Outcome, Usage, Versions, total_usage
 from evaluator.store.run_folder import RunFolder
 from evaluator.study.run_config import Meter
+from evaluator.study.running_episodes import Board
 
 MAX_ATTEMPTS = 3
 """Number of attempts at an episode before an infrastructure error is recorded."""
@@ -139,6 +140,7 @@ class Runner:
             StoreError: A record could not be written; what was written before is kept.
         """
         waiting, given_up = list(reversed(keys)), dict[str, str]()
+        board = Board(self.folder)
 
         async def worker() -> None:
             while waiting and not self.meter.reached():
@@ -147,7 +149,8 @@ class Runner:
                     continue
                 self.on_start(key)
                 try:
-                    episode = await self.play(key)
+                    with board.shown(key):
+                        episode = await self.play(key)
                 except PermanentFailure as failure:
                     given_up[key.agent] = str(failure)
                     continue
@@ -155,7 +158,10 @@ class Runner:
                 self.meter.add(episode.usage)
                 self.on_end(episode)
 
-        async with anyio.create_task_group() as tasks:
-            for _ in range(min(self.concurrency, len(keys))):
-                tasks.start_soon(worker)
+        async with anyio.create_task_group() as writing:
+            writing.start_soon(board.keep_written)
+            async with anyio.create_task_group() as tasks:
+                for _ in range(min(self.concurrency, len(keys))):
+                    tasks.start_soon(worker)
+            writing.cancel_scope.cancel()
         return "; ".join([*dict.fromkeys(given_up.values()), *([self.meter.reached()] if waiting else [])])

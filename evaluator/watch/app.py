@@ -1,12 +1,11 @@
-"""The HTTP application that shows a running evaluation, on this machine only: a static page and a JSON state.
+"""The HTTP application that shows a running evaluation, on this machine only: page, JSON state, notebooks, report.
 
 Every path begins with a secret token, which keeps out other users of the machine and other web pages.
 """
 
-import statistics
+import functools
 import time
-from collections import Counter
-from collections.abc import Awaitable, Callable, Iterator, Mapping, Sequence
+from collections.abc import Awaitable, Callable
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from importlib.resources import files
@@ -14,214 +13,47 @@ from typing import Any
 
 import anyio
 import anyio.to_thread
+from pydantic import ValidationError
 from starlette.applications import Starlette
 from starlette.middleware import Middleware
 from starlette.requests import Request
-from starlette.responses import JSONResponse, PlainTextResponse, Response
-from starlette.routing import Route
+from starlette.responses import HTMLResponse, JSONResponse, PlainTextResponse, Response
+from starlette.routing import Mount, Route
+from starlette.staticfiles import StaticFiles
 
-from evaluator.errors import StoreError
+from evaluator.errors import EvaluatorError, StoreError
 from evaluator.loopback import OnlyHere
-from evaluator.records.episode import EpisodeKey, Outcome, Verdict, total_usage
-from evaluator.records.run import RunRecord
-from evaluator.scores.grouping import Condition, condition
-from evaluator.statistics.intervals import proportion
-from evaluator.study.shards import WHOLE, parse_shard
-from evaluator.watch.followed_run import FollowedEpisode, FollowedRun
-from scenes import reference_of
-
-NEWEST, TROUBLED, OVERTAKEN = 25, 15, 15
-"""Largest number of episodes in each list."""
-_PATIENCE_S = 60.0
-"""A run counts as quiet if no episode ended for this long [s] and for three times its longest episode."""
-_RECENT = 50
-"""Number of recent episodes from which the pace is computed."""
-
-
-def state_of(run: FollowedRun, now: datetime) -> dict[str, Any]:
-    """Return the state of a run at a moment, as JSON values.
-
-    Args:
-        run: The run as last read.
-        now: The current time in UTC, compared with the timestamps of records.
-    """
-    episodes = list(run.episodes.values())
-    wanted = _wanted(run.record, run.episodes)
-    missing = [key for key in wanted if key not in run.episodes]
-    phase, quiet_s = _phase(episodes, missing, known=bool(wanted), now=now)
-    pace = _pace(episodes, now)
-    return {
-        "name": run.folder.path.resolve().name,
-        "phase": phase,
-        "quiet_s": quiet_s,
-        "ended": len(episodes),
-        "total": len(wanted) or None,
-        "left_s": len(missing) / pace if pace and missing and phase == "running" else None,
-        "per_minute": None if pace is None or phase == "finished" else 60 * pace,
-        "behind": run.behind,
-        "withheld": run.withheld,
-        "rows": list(_rows(episodes)),
-        "newest": [_shown(one) for one in reversed(episodes[-NEWEST:])],
-        "troubled": [_shown(one) for one in reversed(episodes) if _is_troubled(one)][:TROUBLED],
-        "overtaken": [] if phase == "finished" else _overtaken(wanted, run.episodes, now)[:OVERTAKEN],
-        "notes": [*run.ungraded.values(), *_damage(run.damaged)],
-    }
-
-
-def _wanted(record: RunRecord, played: Mapping[EpisodeKey, object]) -> list[EpisodeKey]:
-    """Return the planned episodes in playing order; empty if the plan does not determine them.
-
-    A fork plays only some episodes of its matrix, and a referee plays whatever a trainer requests.
-    """
-    shard = WHOLE if record.shard is None else parse_shard(record.shard)
-    wanted = [key for key in record.plan.matrix() if shard.takes(key)]
-    return wanted if record.forked_from is None and played.keys() <= set(wanted) else []
-
-
-def _ended_at(one: FollowedEpisode) -> float:
-    """Return when an episode ended [s since 1970]."""
-    return datetime.fromisoformat(one.started_at).timestamp() + one.duration_s
-
-
-def _phase(
-    episodes: Sequence[FollowedEpisode], missing: Sequence[EpisodeKey], *, known: bool, now: datetime
-) -> tuple[str, float | None]:
-    """Return `waiting`, `running`, `quiet` or `finished`, and the time since the last episode ended [s]."""
-    if not episodes:
-        return "waiting", None
-    quiet_s = max(0.0, now.timestamp() - max(map(_ended_at, episodes)))
-    if known and not missing:
-        return "finished", None
-    longest = max(one.duration_s for one in episodes)
-    return ("quiet" if quiet_s > max(_PATIENCE_S, 3 * longest) else "running"), quiet_s
-
-
-def _pace(episodes: Sequence[FollowedEpisode], now: datetime) -> float | None:
-    """Return the current rate of ended episodes [1/s]; None before the second one."""
-    ends = sorted(map(_ended_at, episodes))[-_RECENT:]
-    if len(ends) < 2 or now.timestamp() <= ends[0]:
-        return None
-    return (len(ends) - 1) / (now.timestamp() - ends[0])
-
-
-def _rows(episodes: Sequence[FollowedEpisode]) -> Iterator[dict[str, Any]]:
-    """Yield the results of each agent under each condition, with open worlds in rows of their own."""
-    groups: dict[tuple[bool, Condition], list[FollowedEpisode]] = {}
-    for one in episodes:
-        groups.setdefault((one.is_open, condition(one.key)), []).append(one)
-    several = len({found[2:] for _, found in groups}) > 1
-    for is_open, found in sorted(groups):
-        group = groups[is_open, found]
-        about = [found.agent, *([found.prompting, found.protocol] if several else [])]
-        yield {
-            "agent": ", ".join([*about, *(["open worlds"] if is_open else [])]),
-            "budget": found.budget,
-            **_numbers(group),
-        }
-
-
-def _numbers(group: Sequence[FollowedEpisode]) -> dict[str, Any]:
-    verdicts = [
-        (one.key.scene, one.verdict is Verdict.CORRECT)
-        for one in group
-        if one.verdict in {Verdict.CORRECT, Verdict.INCORRECT}
-    ]
-    rate = proportion(verdicts) if verdicts else None
-    used = total_usage(one.usage for one in group if one.usage is not None)
-    return {
-        "ended": len(group),
-        "scored": len(verdicts),
-        "correct": sum(right for _, right in verdicts),
-        "share": rate and rate.share,
-        "low": rate and rate.interval.low,
-        "high": rate and rate.interval.high,
-        "outcomes": Counter(one.outcome.value for one in group if one.outcome is not Outcome.ANSWERED),
-        "calls": statistics.median(one.cost.calls for one in group),
-        "refused": sum(one.cost.refused_calls for one in group) / max(1, sum(one.cost.calls for one in group)),
-        "lab_time_s": statistics.median(one.cost.lab_time_s for one in group),
-        "episode_s": statistics.median(one.duration_s for one in group),
-        "tokens": used and used.input_tokens + used.output_tokens,
-        "cost_usd": used and used.cost_usd,
-    }
-
-
-def _is_troubled(one: FollowedEpisode) -> bool:
-    """Whether an error ended an episode, or the server refused most of its calls."""
-    return (
-        one.outcome in {Outcome.AGENT_ERROR, Outcome.INFRASTRUCTURE_ERROR}
-        or one.cost.refused_calls > one.cost.calls / 2 > 1
-    )
-
-
-def _shown(one: FollowedEpisode) -> dict[str, Any]:
-    return {
-        **_named(one.key),
-        "verdict": one.verdict,
-        "outcome": one.outcome,
-        "answer": one.answer,
-        "error": one.error,
-        "turns": one.turns,
-        "calls": one.cost.calls,
-        "refused": one.cost.refused_calls,
-        "lab_time_s": one.cost.lab_time_s,
-        "duration_s": one.duration_s,
-    }
-
-
-def _named(key: EpisodeKey) -> dict[str, Any]:
-    return {
-        "scene": key.scene,
-        "name": reference_of(key.scene),
-        "seed": key.seed,
-        "agent": key.agent,
-        "budget": key.budget,
-        "epoch": key.epoch,
-    }
-
-
-def _overtaken(
-    wanted: Sequence[EpisodeKey], ended: Mapping[EpisodeKey, FollowedEpisode], now: datetime
-) -> list[dict[str, Any]]:
-    """Return the missing episodes of which later ones of the same agent have ended, longest wait first.
-
-    Such an episode is still being played or waits for a retry; a run folder does not say which.
-    """
-    found: list[dict[str, Any]] = []
-    later: dict[str, list[float]] = {}
-    for key in reversed(wanted):
-        if key in ended:
-            later.setdefault(key.agent, []).append(_ended_at(ended[key]))
-        elif later.get(key.agent):
-            ends = later[key.agent]
-            found.append({**_named(key), "by": len(ends), "since_s": max(0.0, now.timestamp() - min(ends))})
-    return sorted(found, key=lambda one: -one["by"])
-
-
-def _damage(lines: int) -> list[str]:
-    return (
-        [f"{lines} lines of episodes.jsonl are damaged and left out; `run --resume` sets them aside"] if lines else []
-    )
-
+from evaluator.records.episode import EpisodeKey
+from evaluator.report.agent_results import Run
+from evaluator.report.page import render
+from evaluator.scores.scoring import grade_record, score_episode
+from evaluator.store.run_folder import RunFolder
+from evaluator.watch.followed_run import FollowedRun
+from evaluator.watch.state import state_of
 
 _FRESH_S = 0.5
 """Shortest time between two reads of the folder, regardless of the number of open pages [s]."""
 _HEADERS = {
     b"cache-control": b"no-store",
-    b"content-security-policy": b"default-src 'none'; style-src 'self'; script-src 'self'; connect-src 'self';"
-    b" img-src 'self' data:; base-uri 'none'; form-action 'none'; frame-ancestors 'none'",
     b"referrer-policy": b"no-referrer",
     b"x-content-type-options": b"nosniff",
 }
+_POLICY = {
+    "content-security-policy": "default-src 'none'; style-src 'self'; script-src 'self'; connect-src 'self';"
+    " img-src 'self' data:; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
+}
+"""For the page itself. Reports and notebooks state their own policy, with the hash of their script."""
 
 
-def app(run: FollowedRun, token: str) -> Starlette:
+def app(folder: RunFolder, follow: Callable[[], FollowedRun | None], token: str) -> Starlette:
     """Build the ASGI application that shows a run.
 
     Args:
-        run: The run to show.
+        folder: The folder of the run, which need not exist yet.
+        follow: Opens the run; None as long as it does not exist.
         token: First segment of every path.
     """
-    looks = _Looks(run)
+    looks = _Looks(folder, follow)
     page = files("evaluator.watch") / "page"
     style = (files("evaluator.report") / "templates" / "style.css").read_bytes()
     return Starlette(
@@ -230,6 +62,8 @@ def app(run: FollowedRun, token: str) -> Starlette:
             Route(f"/{token}/watch.js", _file((page / "watch.js").read_bytes(), "text/javascript; charset=utf-8")),
             Route(f"/{token}/watch.css", _file(style + (page / "watch.css").read_bytes(), "text/css; charset=utf-8")),
             Route(f"/{token}/state.json", looks.state),
+            Route(f"/{token}/notebook", looks.notebook),
+            Mount(f"/{token}/run", StaticFiles(directory=folder.path, check_dir=False)),
             Route("/{path:path}", _unknown),
         ],
         middleware=[Middleware(OnlyHere, headers=_HEADERS)],
@@ -240,7 +74,9 @@ def app(run: FollowedRun, token: str) -> Starlette:
 class _Looks:
     """Reads the folder when a page requests the state. In a thread, because some answer keys take a second."""
 
-    run: FollowedRun
+    folder: RunFolder
+    follow: Callable[[], FollowedRun | None]
+    run: FollowedRun | None = None
     lock: anyio.Lock = field(default_factory=anyio.Lock)
     looked_at: float = -_FRESH_S
     last: dict[str, Any] = field(default_factory=dict[str, Any])
@@ -248,22 +84,48 @@ class _Looks:
     async def state(self, _request: Request) -> Response:
         """Return the state of the run, or an error message if its folder can no longer be read."""
         async with self.lock:
-            if self.run.behind or time.monotonic() - self.looked_at >= _FRESH_S:
+            if (self.run and self.run.behind) or time.monotonic() - self.looked_at >= _FRESH_S:
                 try:
                     self.last = await anyio.to_thread.run_sync(self._look)
-                except StoreError as error:
+                except EvaluatorError as error:
                     return JSONResponse({"error": str(error)}, status_code=503)
                 self.looked_at = time.monotonic()
             return JSONResponse(self.last)
 
+    async def notebook(self, request: Request) -> Response:
+        """Return the notebook of an ended episode, which is named by its key as JSON."""
+        try:
+            key = EpisodeKey.model_validate_json(request.query_params.get("key", ""))
+            page = await anyio.to_thread.run_sync(functools.partial(self._notebook, key))
+        except (ValidationError, EvaluatorError) as error:
+            return PlainTextResponse(f"there is no notebook: {error}\n", status_code=404)
+        return HTMLResponse(page)
+
     def _look(self) -> dict[str, Any]:
+        self.run = self.run or self.follow()
+        if self.run is None:
+            return {"name": self.folder.path.resolve().name, "phase": "absent"}
         self.run.look()
         return state_of(self.run, datetime.now(UTC))
+
+    def _notebook(self, key: EpisodeKey) -> str:
+        """Render a report of one episode.
+
+        Raises:
+            StoreError: The episode has no record, or the seeds of the run are held back.
+            UsageError: Its pack is missing here.
+        """
+        run = self.run
+        episode = None if run is None or run.withheld else self.folder.episodes().get(key)
+        if run is None or episode is None:
+            raise StoreError("this episode has no record that can be graded here")
+        row = score_episode(episode, grade_record(episode, run.keys), run.keys)
+        return render([Run(self.folder.path.resolve().name, run.record, [row], {})], baselines=False).page
 
 
 def _file(content: bytes, media_type: str) -> Callable[[Request], Awaitable[Response]]:
     async def answer(_request: Request) -> Response:
-        return Response(content, media_type=media_type)
+        return Response(content, media_type=media_type, headers=_POLICY)
 
     return answer
 

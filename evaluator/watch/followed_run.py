@@ -15,7 +15,7 @@ from evaluator.answers.grading import grade_episode
 from evaluator.answers.keys import KeyRing
 from evaluator.errors import StoreError, UsageError
 from evaluator.records.episode import Episode, EpisodeKey, Outcome, Usage, Verdict
-from evaluator.records.run import RunRecord
+from evaluator.records.run import RunningEpisode, RunningEpisodes, RunRecord
 from evaluator.scores.dimensions import ExperimentCost, cost_of
 from evaluator.scores.grouping import rung
 from evaluator.store.run_folder import RunFolder
@@ -71,7 +71,11 @@ class FollowedRun:
         """Scene → why its episodes cannot be graded."""
         self.withheld = withheld
         """Whether there are no verdicts, because the seeds are held back."""
-        self._keys = keys
+        self.running: tuple[RunningEpisode, ...] = ()
+        """Episodes that are being played, if the run tells."""
+        self.running_at = 0.0
+        """When the run told so [s since 1970]."""
+        self.keys = keys
         self._played_here: dict[tuple[int, str], bool] = {}
         """Scene and pack hash → whether the local pack is the same."""
         self._known: dict[bytes, FollowedEpisode | None] = {}
@@ -88,6 +92,7 @@ class FollowedRun:
             StoreError: The folder is gone or cannot be read.
         """
         self.record = self.folder.read_run()
+        self.running = self._read_running()
         file = self.folder.episodes_file
         if not file.exists():
             return
@@ -95,6 +100,14 @@ class FollowedRun:
             self._read_new(file, most)
         except OSError as error:
             raise StoreError(f"{file} cannot be read: {error.strerror}") from error
+
+    def _read_running(self) -> tuple[RunningEpisode, ...]:
+        """Read what is being played; nothing if the file is absent or is being written."""
+        try:
+            self.running_at = self.folder.running_file.stat().st_mtime
+            return RunningEpisodes.model_validate_json(self.folder.running_file.read_bytes()).episodes
+        except (OSError, ValidationError):
+            return ()
 
     def _read_new(self, file: Path, most: int) -> None:
         self.behind = False
@@ -131,7 +144,7 @@ class FollowedRun:
     def _watched(self, episode: Episode) -> FollowedEpisode:
         key, verdict, limits, is_open = episode.key, None, LabLimits(), False
         try:
-            facts = self._keys.facts(key.scene)
+            facts = self.keys.facts(key.scene)
             limits, is_open = facts.limits, rung(facts.category) == Rung.OPEN
             verdict = self._verdict(episode)
         except UsageError as error:
@@ -161,7 +174,7 @@ class FollowedRun:
             return None
         if (key.scene, pack) not in self._played_here:
             try:
-                self._played_here[key.scene, pack] = same_pack(pack, find_pack(key.scene, self._keys.folder))
+                self._played_here[key.scene, pack] = same_pack(pack, find_pack(key.scene, self.keys.folder))
             except PackError as error:
                 raise UsageError(str(error)) from error
         if not self._played_here[key.scene, pack]:
@@ -169,4 +182,4 @@ class FollowedRun:
                 f"scene {reference_of(key.scene)} was played on another pack than the one here; name its folder"
                 " with --scenes-dir"
             )
-        return grade_episode(episode, self._keys.key(key.scene, key.seed)).strict
+        return grade_episode(episode, self.keys.key(key.scene, key.seed)).strict

@@ -67,6 +67,46 @@
     ]);
   }
 
+  // Accuracy so far, a line for each agent: it is told apart by its dashes and by its name at the end.
+  function course(lines) {
+    const space = "http://www.w3.org/2000/svg", [width, height, left, right, below] = [640, 190, 44, 150, 24];
+    const svg = document.createElementNS(space, "svg");
+    const draw = (tag, attributes, text) => {
+      const made = document.createElementNS(space, tag);
+      for (const [name, value] of Object.entries(attributes)) made.setAttribute(name, value);
+      if (text !== undefined) made.textContent = text;
+      svg.append(made);
+    };
+    const last = Math.max(1, ...lines.map((line) => line.points.at(-1)[0]));
+    const x = (time) => left + (time / last) * (width - left - right), y = (share) => 8 + (1 - share) * (height - below - 8);
+    svg.setAttribute("viewBox", `0 0 ${width} ${height}`);
+    svg.setAttribute("role", "img");
+    svg.setAttribute("aria-label", lines.map((line) => `${line.agent} ${percent(line.points.at(-1)[1])}`).join(", "));
+    for (const share of [0, 0.5, 1]) {
+      draw("line", { class: "axis", x1: left, x2: width - right, y1: y(share), y2: y(share) });
+      draw("text", { x: left - 6, y: y(share) + 4, "text-anchor": "end" }, `${100 * share} %`);
+    }
+    draw("text", { x: width - right, y: height - 6, "text-anchor": "end" }, lasting(last));
+    let free = 14;
+    const ends = [...lines].sort((one, other) => other.points.at(-1)[1] - one.points.at(-1)[1]);
+    ends.forEach((line, index) => {
+      draw("polyline", { class: `course course-${index % 4}`, points: line.points.map(([t, share]) => `${x(t)},${y(share)}`).join(" ") });
+      const at = Math.max(free, y(line.points.at(-1)[1]) + 4);
+      free = at + 13;
+      draw("text", { x: x(line.points.at(-1)[0]) + 6, y: at }, `${line.agent} ${percent(line.points.at(-1)[1])}`);
+    });
+    return svg;
+  }
+
+  function notebook(one) {
+    const cell = node("td"), link = node("a", "open");
+    if (one.verdict === null) return cell;
+    link.href = `notebook?key=${encodeURIComponent(one.key)}`;
+    link.setAttribute("aria-label", `notebook of ${named(one)}`);
+    cell.append(link);
+    return cell;
+  }
+
   function phase(state) {
     if (state.behind) return `Reading the records: ${state.ended} episodes so far.`;
     const of = state.total === null ? "" : ` of ${state.total}`;
@@ -80,6 +120,11 @@
   }
 
   function show(state) {
+    if (state.phase === "absent") {
+      byId("name").textContent = state.name;
+      byId("phase").textContent = "No run has begun in this folder yet; the page waits for it.";
+      return;
+    }
     document.title = `${state.ended}${state.total === null ? "" : `/${state.total}`} ${state.name}`;
     byId("name").textContent = state.name;
     byId("shown").hidden = false;
@@ -89,14 +134,20 @@
     byId("progress").value = state.total ? Math.min(1, state.ended / state.total) : 0;
     byId("notes").replaceChildren(...state.notes.map((note) => node("li", note)));
     byId("rows").replaceChildren(...state.rows.map(condition));
-    for (const name of ["overtaken", "troubled"]) byId(`${name}-part`).hidden = state[name].length === 0;
+    byId("report").hidden = !state.report;
+    byId("course").hidden = state.course.length === 0;
+    byId("course").querySelector("svg")?.remove();
+    if (state.course.length) byId("course").append(course(state.course));
+    byId("running").replaceChildren(...state.running.map((one) => row(named(one), [
+      one.turn ? `${one.turn} of ${one.budget}` : "–", node("td", one.call || "–", "text"), lasting(one.seconds)])));
+    for (const name of ["running", "overtaken", "troubled"]) byId(`${name}-part`).hidden = state[name].length === 0;
     byId("overtaken").replaceChildren(...state.overtaken.map((one) => row(named(one), [String(one.by), lasting(one.since_s)])));
     byId("troubled").replaceChildren(...state.troubled.map((one) => row(named(one), [
       one.outcome.replaceAll("_", " "), `${one.refused} of ${one.calls}`,
       node("td", one.error || "most calls were refused", "text")])));
     byId("newest").replaceChildren(...state.newest.map((one) => row(named(one), [
       verdict(one), node("td", one.answer, "text"), String(one.turns), String(one.calls), number(one.lab_time_s),
-      one.duration_s.toFixed(1)])));
+      one.duration_s.toFixed(1), notebook(one)])));
   }
 
   async function ask() {

@@ -6,22 +6,27 @@ import socket
 import subprocess
 import sys
 import urllib.error
+import urllib.parse
 import urllib.request
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any
 
+import anyio
+import anyio.lowlevel
 import pytest
 from pydantic import JsonValue
 
 from evaluator.answers.keys import KeyRing
 from evaluator.commands.program import main
+from evaluator.episode.underway import UNDERWAY, note_call, note_turn
 from evaluator.records.episode import Episode, EpisodeKey, Outcome, Usage
 from evaluator.records.run import Plan, RunRecord, ServerRecord
 from evaluator.store import durable
 from evaluator.store.run_folder import RunFolder
-from evaluator.watch.app import state_of
+from evaluator.study.running_episodes import Board
 from evaluator.watch.followed_run import FollowedRun
+from evaluator.watch.state import state_of
 from scenes import find_pack, pack_hash
 from tests.builders.records import VERSIONS, episode, episode_key, refused, turn
 
@@ -146,13 +151,38 @@ def test_what_cannot_be_graded_says_why(folder: RunFolder) -> None:
     assert (held["withheld"], held["newest"][0]["verdict"], held["notes"]) == (True, None, [])
 
 
-@pytest.mark.parametrize(("name", "sentence"), [("nowhere", "does not exist"), (".", "is not a run folder")])
-def test_a_folder_that_is_no_run_is_refused_in_one_sentence(
-    tmp_path: Path, name: str, sentence: str, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert main(["watch", str(tmp_path / name), "--no-open"]) == 2
+async def test_running_episodes_are_named_with_their_turn_and_the_file_is_gone_at_the_end(folder: RunFolder) -> None:
+    run, board, key = FollowedRun(folder, KeyRing()), Board(folder), episode_key(7)
+    async with anyio.create_task_group() as tasks:
+        with board.shown(key):
+            note_turn(2)
+            note_call("step")
+            tasks.start_soon(board.keep_written)
+            while not folder.running_file.exists():
+                await anyio.lowlevel.checkpoint()
+            run.look()
+            (one,) = state_of(run, datetime.now(UTC))["running"]
+            assert (one["scene"], one["turn"], one["call"]) == (7, 2, "step")
+            # A run that was killed tells nothing any more.
+            assert state_of(run, datetime.now(UTC) + timedelta(minutes=1))["running"] == []
+        tasks.cancel_scope.cancel()
+    assert UNDERWAY.get() is None
+    assert not folder.running_file.exists()
+    assert state(run)["running"] == []
+
+
+def test_the_course_is_the_accuracy_after_each_episode(folder: RunFolder) -> None:
+    for key, answer, ago_s in ((episode_key(7), RIGHT, 30.0), (episode_key(7, seed=1), 1, 20.0)):
+        folder.append_episode(ended(key, answer, ago_s=ago_s))
+    ((name, points),) = [(line["agent"], line["points"]) for line in state(FollowedRun(folder, KeyRing()))["course"]]
+    assert (name, points[0], points[-1]) == ("x", (0.0, 1.0), (10.0, 0.5))
+
+
+def test_a_folder_that_is_no_run_is_refused_in_one_sentence(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "letters.txt").write_text("", encoding="utf-8")
+    assert main(["watch", str(tmp_path), "--no-open"]) == 2
     said = capsys.readouterr().err
-    assert sentence in said
+    assert "is not a run folder" in said
     assert said.count("\n") == 1
 
 
@@ -181,6 +211,14 @@ def test_the_command_serves_the_page_to_who_has_the_token_and_ends_with_ctrl_c(f
             assert '<script src="watch.js"' in reply(address)[1]
             assert json.loads(reply(f"{address}state.json")[1])["ended"] == 1
             assert [reply(f"{address}{name}")[0] for name in ("watch.js", "watch.css")] == [200, 200]
+            key = urllib.parse.quote(episode_key(7).model_dump_json())
+            status, notebook = reply(f"{address}notebook?key={key}")
+            assert (status, "Speed of a dropped ball" in notebook) == (200, True)
+            assert reply(f"{address}notebook?key=1")[0] == 404
+            assert reply(f"{address}run/report.html")[0] == 404
+            folder.write_text(folder.report_file, "<p>the report")
+            assert reply(f"{address}run/report.html") == (200, "<p>the report")
+            assert reply(f"{address}run/../../secret")[0] == 404
             without = address.replace(address.split("/")[3], "guess")
             assert reply(f"{without}state.json")[0] == 404
             assert reply(address, Host="example.org")[0] == 403
@@ -188,5 +226,26 @@ def test_the_command_serves_the_page_to_who_has_the_token_and_ends_with_ctrl_c(f
             assert process.wait(timeout=60) == 0
             assert process.stderr is not None
             assert process.stderr.read() == ""
+        finally:
+            process.kill()
+
+
+def test_a_run_that_does_not_exist_yet_is_waited_for(tmp_path: Path) -> None:
+    command = [sys.executable, "-m", "evaluator", "watch", str(tmp_path / "run"), "--no-open"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
+        try:
+            assert process.stdout is not None
+            line = process.stdout.readline()
+            address = line.split(" at ")[1].split()[0]
+            assert "no run has begun there yet" in line
+            assert json.loads(reply(f"{address}state.json")[1]) == {"name": "run", "phase": "absent"}
+            made = RunFolder(tmp_path / "run")
+            made.create(resume=False)
+            made.write_run(
+                RunRecord(created_at="2026-01-01T00:00:00+00:00", plan=PLAN, server=ServerRecord(option="host"))
+            )
+            while (found := json.loads(reply(f"{address}state.json")[1]))["phase"] == "absent":
+                pass
+            assert (found["phase"], found["total"]) == ("waiting", 4)
         finally:
             process.kill()
