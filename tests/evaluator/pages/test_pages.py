@@ -285,7 +285,10 @@ def test_a_broken_pack_is_left_out_and_reported(
     assert "scene 8 is left out" in said
     assert "scene 21 is listed without its run" in said
     assert "Two balls" not in page
-    assert "Something is in the chamber](scenes/scene21.md) | Newton's second law | a number (kg); within 5 % | – | 1 |" in page
+    assert (
+        "Something is in the chamber](scenes/scene21.md) | Newton's second law | a number (kg); within 5 % | – | 1 |"
+        in page
+    )
 
 
 def test_without_a_renderer_the_page_is_written_and_one_sentence_says_why_it_has_no_pictures(

@@ -2,6 +2,7 @@
 
 import re
 import xml.etree.ElementTree as ET
+from collections import Counter
 
 import pytest
 from PIL import Image
@@ -14,6 +15,7 @@ from evaluator.certify.records import (
     read_certificates,
 )
 from evaluator.records.episode import Episode, GradeRecord, Verdict
+from evaluator.report.baselines import baseline_run
 from physment_mcp.serving.server import published_tools
 from scenes import Category, default_folder, list_packs, read_pack
 from tests.builders.paths import ROOT
@@ -117,7 +119,14 @@ def test_the_numbers_of_the_readme_are_true() -> None:
         assert claim in text
     categories = [read_pack(files).category for files in list_packs()]
     suite = [category for category in categories if category is not Category.OPEN]
+    baselines = baseline_run()
+    assert baselines is not None
+    right = Counter(score.key.agent for score in baselines.scores if score.is_correct)
+    episodes = Counter(score.key.agent for score in baselines.scores)
+    assert episodes["blind"] == episodes["random"] == len(suite)
     for claim in (
+        f"of the {len(suite)} scenes, an agent that guesses from the prompt solves {right['blind']}, one that acts at"
+        f" random solves {right['random']}, and the reference agent",
         f"{len(published_tools())} typed tools",
         f"{len(suite)} scenes in {len(set(suite))} categories",
         f"each on {min(scene.seeds for scene in certificates.scenes)} seeds",
