@@ -2,6 +2,7 @@
 
 import base64
 import json
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -184,6 +185,15 @@ def _label(row: ScoredEpisode, varying: Sequence[str], seed: str) -> str:
 
 def _size(exchange: Exchange) -> int:
     return len(exchange.text) + len(json.dumps(exchange.call.arguments))
+
+
+_QUESTION = re.compile(r"^# Scene: [^\n]*\n+(.*?)(?=\n# |\Z)", re.DOTALL | re.MULTILINE)
+
+
+def question(prompt: str) -> str:
+    """The task in an opening prompt, which stands below the name of its scene; empty if there is none."""
+    found = _QUESTION.search(prompt)
+    return found[1].strip() if found else ""
 
 
 def returned(exchange: Exchange) -> str:

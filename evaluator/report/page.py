@@ -27,8 +27,9 @@ from evaluator.report.charts import Chart, Point, Series, chart
 from evaluator.report.errata import errata_table
 from evaluator.report.evidence import NOT_MEASURABLE, PLANE, evidence_table, planes
 from evaluator.report.export import shown
-from evaluator.report.notebook import Entry, entries, laid_out, returned
+from evaluator.report.notebook import Entry, entries, laid_out, question, returned
 from evaluator.report.paper_tables import BUCKETS, bucket
+from evaluator.report.verdict_grid import verdict_grid
 from evaluator.scores.dimensions import WEIGHTS
 from evaluator.scores.failures.findings import FailureMode
 from evaluator.scores.spending import Spending, calls_made, spending
@@ -112,6 +113,7 @@ def render(runs: Sequence[Run], inline: int = INLINE, *, baselines: bool = True)
         errata=errata_table(results),
         dimensions=tuple(tables.DIMENSIONS.values()),
         entries=found,
+        grid=verdict_grid(found, len(results)),
         beside=PAGES if beside else "",
         budget_tables=[(name, tables.by_budget(suite, name, wanted)) for name, wanted in picks],
         budget_charts=_budget_charts(suite),
@@ -269,6 +271,7 @@ _FILTERS: dict[str, Any] = {
     "shown": shown,
     "laid_out": laid_out,
     "returned": returned,
+    "question": question,
     "calls_made": calls_made,
     "is_long": is_long,
 }

@@ -6,6 +6,7 @@
   const list = byId("list"), find = byId("find"), shown = byId("shown"), place = byId("place");
   const previous = byId("previous"), next = byId("next");
   const selects = [...document.querySelectorAll("select[data-field]")];
+  const fields = new Set(["find", ...selects.map((one) => one.id)]);
   const episodes = [...list.children].map((node) => ({
     node,
     fields: {
@@ -26,6 +27,23 @@
     matching = episodes.filter((one) => wanted.every(([field, value]) => one.fields[field].includes(value))
       && words.every((word) => one.text.includes(word)));
     show(0);
+  }
+
+  // What is chosen stands in the address, so that it can be kept and sent: #episodes?scene=28&find=cord.
+  function remember() {
+    const chosen = [...selects.map((one) => [one.id, one.value]), ["find", find.value]].filter(([, value]) => value);
+    history.replaceState(null, "", "#episodes" + (chosen.length ? `?${new URLSearchParams(chosen)}` : ""));
+  }
+
+  function recall(hash) {
+    const [, wanted] = /^#episodes\?(.*)$/.exec(hash) ?? [];
+    if (wanted === undefined) return false;
+    clear();
+    for (const [id, value] of new URLSearchParams(wanted)) if (fields.has(id)) byId(id).value = value;
+    filter();
+    byId("episodes").scrollIntoView();
+    byId("episodes").focus({ preventScroll: true });
+    return true;
   }
 
   function show(number) {
@@ -67,6 +85,7 @@
   }
 
   async function goTo(hash) {
+    if (recall(hash)) return;
     const one = byNumber.get((/^#(episode-\d+)/.exec(hash) ?? [])[1]);
     if (!one) return;
     if (!matching.includes(one)) clear();
@@ -103,9 +122,16 @@
   }
 
   for (const one of document.querySelectorAll(".scripted")) one.hidden = false;
-  find.addEventListener("input", filter);
-  for (const one of selects) one.addEventListener("change", filter);
-  byId("clear").addEventListener("click", clear);
+  const changed = () => {
+    filter();
+    remember();
+  };
+  find.addEventListener("input", changed);
+  for (const one of selects) one.addEventListener("change", changed);
+  byId("clear").addEventListener("click", () => {
+    clear();
+    remember();
+  });
   byId("open").addEventListener("click", () => openAll(true));
   byId("close").addEventListener("click", () => openAll(false));
   previous.addEventListener("click", () => show(page - 1));
@@ -115,6 +141,55 @@
     const one = byNumber.get(event.target.id);
     if (one && event.target.open) load(one);
   }, true);
+  // The cells of an agent are one stop of the Tab key; arrow keys move among all cells.
+  const rows = [...document.querySelectorAll(".verdicts ul")].map((row) => [...row.children].map((one) => one.firstElementChild));
+  for (const row of rows) row.filter(Boolean).slice(1).forEach((cell) => (cell.tabIndex = -1));
+  rows.forEach((row, r) => row.forEach((cell, c) => cell?.addEventListener("keydown", (event) => {
+    const [down, right] = { ArrowRight: [0, 1], ArrowLeft: [0, -1], ArrowDown: [1, 0], ArrowUp: [-1, 0] }[event.key] ?? [];
+    if (down === undefined) return;
+    event.preventDefault();
+    for (let [y, x] = [r + down, c + right]; rows[y] && x >= 0 && x < row.length; [y, x] = [y + down, x + right]) {
+      const next = rows[y][x];
+      if (!next) continue;
+      for (const other of rows[y]) if (other) other.tabIndex = other === next ? 0 : -1;
+      next.focus();
+      return;
+    }
+  })));
+  for (const kind of ["pointerover", "focusin"]) document.addEventListener(kind, (event) => {
+    const cell = event.target.closest?.(".verdicts a");
+    if (cell) byId("pointed").textContent = cell.title;
+  });
+
+  // A press on the title of a column sorts by it; cells without a number come last.
+  function sortBy(head) {
+    const table = head.closest("table"), column = head.cellIndex, before = head.getAttribute("aria-sort");
+    const way = before === "descending" ? 1 : -1;
+    for (const one of table.tHead.rows[0].cells) one.removeAttribute("aria-sort");
+    head.setAttribute("aria-sort", way > 0 ? "ascending" : "descending");
+    const value = (row) => {
+      const text = row.cells[column].textContent.trim().replace("−", "-");
+      const number = parseFloat(text.replace(/^\D*?(?=-?\d)/, ""));
+      return column === 0 ? text : Number.isNaN(number) ? null : number;
+    };
+    const body = table.tBodies[0], sorted = [...body.rows].map((row) => [value(row), row]);
+    sorted.sort(([a], [b]) => (a === null) - (b === null)
+      || way * (typeof a === "string" ? a.localeCompare(b, undefined, { numeric: true }) : a - b));
+    body.append(...sorted.map(([, row]) => row));
+  }
+
+  for (const table of document.querySelectorAll("main .wide > table")) {
+    if (table.tBodies.length !== 1 || table.tBodies[0].rows.length < 2 || table.querySelector("[rowspan], [colspan]")) continue;
+    for (const head of table.tHead.rows[0].cells) {
+      if (table.tBodies[0].rows[0].cells[head.cellIndex]?.classList.contains("bar")) continue;
+      const button = document.createElement("button");
+      button.type = "button";
+      button.append(...head.childNodes);
+      head.append(button);
+      button.addEventListener("click", () => sortBy(head));
+    }
+  }
+
   // The player of films is large, so it is loaded with the first film.
   let player = null;
   function showFilm(place) {
@@ -134,9 +209,10 @@
     const link = event.target.closest?.("a[href^='#']");
     if (!link) return;
     if (link.dataset.filter) {
-      clear();
-      for (const [field, value] of new URLSearchParams(link.dataset.filter)) byId(field).value = value;
-      filter();
+      event.preventDefault();
+      const hash = `#episodes?${link.dataset.filter}`;
+      if (location.hash === hash) recall(hash);
+      else location.hash = hash;
     } else if (link.hash === location.hash) goTo(link.hash);
   });
   window.addEventListener("hashchange", () => goTo(location.hash));

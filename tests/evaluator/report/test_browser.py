@@ -91,7 +91,7 @@ def test_a_count_of_failures_links_to_its_episodes(browser: Page, report: Path) 
     assert browser.run("document.querySelector('a[data-filter*=answer_format]').textContent") == "16 of 32"
     browser.run("document.querySelector('a[data-filter*=answer_format]').click()")
     assert browser.run(SHOWN) == "16 of 64 episodes."
-    assert browser.run("location.hash") == "#episodes"
+    assert browser.run("location.hash") == "#episodes?mode=answer_format_mismatch&agent=0"
 
 
 def test_an_episode_opens_by_its_address_and_links_a_number_to_the_return_that_supports_it(
@@ -128,10 +128,56 @@ def test_the_keyboard_alone_reaches_and_opens_an_episode(browser: Page, report: 
 def test_everything_that_can_be_clicked_can_be_reached_by_keyboard(browser: Page, report: Path) -> None:
     browser.open(report)
     assert browser.run(
-        "[...document.querySelectorAll('a, button, select, input, summary')].every(n => n.tabIndex >= 0)"
+        "[...document.querySelectorAll('a, button, select, input, summary')].every(n => n.tabIndex >= 0"
+        " || n.closest('.verdicts ul').querySelector('a:not([tabindex])') !== null)"
     )
     unnamed = "n => !(n.labels?.length || n.getAttribute('aria-label') || n.textContent.trim())"
     assert browser.run(f"[...document.querySelectorAll('a, button, select, input')].filter({unnamed}).length") == 0
+
+
+def test_a_cell_of_the_grid_leads_to_the_episodes_of_its_agent_in_its_scene(browser: Page, report: Path) -> None:
+    browser.look(1280, "light")
+    browser.open(report)
+    cells = "[...document.querySelectorAll('.verdicts ul')].map(row => [...row.querySelectorAll('a')])"
+    assert browser.run(f"{cells}.map(row => row.length)") == [16, 16]
+    assert browser.run(f"{cells}.map(row => row.filter(cell => cell.tabIndex === 0).length)") == [1, 1]
+    browser.run(f"{cells}[0][0].focus()")
+    key = "document.activeElement.dispatchEvent(new KeyboardEvent('keydown', {{ key: '{}', bubbles: true }}))"
+    for pressed in ("ArrowRight", "ArrowRight", "ArrowDown", "ArrowLeft"):
+        browser.run(key.format(pressed))
+    assert browser.run(f"{cells}[1].indexOf(document.activeElement)") == 1
+    words = browser.run("document.activeElement.getAttribute('aria-label')")
+    assert browser.run("document.getElementById('pointed').textContent") == words
+    assert words.startswith("8")
+    assert words.endswith("2 of 2 correct")
+    assert browser.run(f"{cells}[0][0].textContent + {cells}[1][1].textContent") == "±✓"
+    browser.run("document.activeElement.click()")
+    browser.wait(f"{SHOWN} === '2 of 64 episodes.'")
+    assert browser.run("location.hash") == "#episodes?scene=8&agent=1"
+
+
+def test_what_is_filtered_stands_in_the_address_and_comes_from_there(browser: Page, report: Path) -> None:
+    browser.open(report, "#episodes?verdict=incorrect&find=scene+8")
+    assert browser.run(SHOWN) == "2 of 64 episodes.", "of scenes 8 and 18"
+    assert browser.run("document.activeElement.id") == "episodes"
+    choose(browser, "verdict", "correct")
+    assert browser.run("location.hash") == "#episodes?verdict=correct&find=scene+8"
+    browser.run("document.getElementById('clear').click()")
+    assert browser.run("location.hash") == "#episodes"
+    assert browser.run(SHOWN) == "64 of 64 episodes."
+
+
+def test_a_table_is_sorted_by_the_column_whose_title_is_pressed(browser: Page, report: Path) -> None:
+    browser.open(report)
+    table = "document.querySelector('main .wide > table')"
+    names = f"[...{table}.tBodies[0].rows].map(row => row.cells[0].textContent.split(' ')[0].trim())"
+    press = f"{table}.tHead.rows[0].cells[{{}}].querySelector('button').click()"
+    browser.run(press.format(1))
+    assert browser.run(names) == ["reference", "model:x"], "the largest first"
+    browser.run(press.format(1))
+    assert browser.run(names) == ["model:x", "reference"]
+    assert browser.run(f"{table}.tHead.rows[0].cells[1].getAttribute('aria-sort')") == "ascending"
+    assert browser.run(f"{table}.tHead.querySelectorAll('[aria-sort]').length") == 1
 
 
 def test_text_has_enough_contrast_in_light_and_dark(browser: Page, report: Path) -> None:

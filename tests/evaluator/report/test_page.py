@@ -9,6 +9,7 @@ from html.parser import HTMLParser
 from evaluator.records.episode import Exchange, Fork, Outcome, Turn
 from evaluator.records.run import ForkedRun, Plan, RunRecord, ServerRecord
 from evaluator.report.agent_results import Run
+from evaluator.report.notebook import question
 from evaluator.report.page import render
 from evaluator.scores.scored_episode import ScoredEpisode
 from tests.builders.records import RIGHT, episode, episode_key, grade, refused, returned, turn
@@ -247,6 +248,12 @@ def test_a_return_that_is_no_json_or_not_encodable_is_shown_as_received() -> Non
     assert text.encode()
     assert "→ &#34;\\ud800&#34;" in text
     assert "→ not JSON" in text
+
+
+def test_the_question_stands_above_the_calls_and_is_not_folded() -> None:
+    prompt = "You are a physicist.\n\n# Scene: A ball\n\nHow fast is it?\nAnd <when>?\n\n# Objects\n\n| id |"
+    assert question(prompt) == "How fast is it?\nAnd <when>?"
+    assert question("no headings") == ""
 
 
 def test_long_returns_are_broken_into_lines_and_vectors_are_not() -> None:
