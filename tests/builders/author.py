@@ -7,6 +7,9 @@ from typing import Any
 
 from scenes import Category, PackFiles, find_pack, write_new_scene
 
+TEMPLATE_SEEDS = 3
+"""Number of seeds, from 0 on, at which the template of Hard scenes draws each of its three structures once."""
+
 
 class Author:
     """Writes a valid scene from the template and introduces a fault into it."""

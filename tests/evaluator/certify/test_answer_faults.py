@@ -24,11 +24,6 @@ OBSERVATIONS = (15, 57, 70)
 
 
 @pytest.fixture
-def author(tmp_path: Path) -> Author:
-    return Author(tmp_path)
-
-
-@pytest.fixture
 def files(author: Author) -> PackFiles:
     """The template, which asks for the mass of a cart in kg."""
     return author.write(Category.EASY_SINGLE)

@@ -1,7 +1,5 @@
 """Tests of lint and certificates for scenes that ask for a formula or name intermediate quantities."""
 
-from pathlib import Path
-
 import pytest
 
 from evaluator.answers.grading import grade_episode
@@ -24,11 +22,6 @@ FORMULA = {
     "unit": "m/s²",
     "variables": {"F": {"meaning": "force along x", "unit": "N", "range": [1, 20]}},
 }
-
-
-@pytest.fixture
-def author(tmp_path: Path) -> Author:
-    return Author(tmp_path)
 
 
 @pytest.fixture

@@ -27,11 +27,6 @@ SCENES = [files.scene_id for files in list_packs()]
 SEEDS = 4
 
 
-@pytest.fixture
-def author(tmp_path: Path) -> Author:
-    return Author(tmp_path)
-
-
 async def proven(files: PackFiles, laboratory: Callable[[Path], EpisodeConnector]) -> SceneCertificate:
     return await certify(files, SEEDS, laboratory(files.folder.parent))
 

@@ -1,43 +1,20 @@
 """Tests that certificate 12 detects each way in which readings and the family of laws can leave the answer open."""
 
-from pathlib import Path
-
-import anyio
 import pytest
 
 from evaluator.certify.determined import check_determined
 from evaluator.certify.lint import lint
 from evaluator.certify.records import CERTIFICATES, PREDICTION_CERTIFICATES
 from evaluator.certify.subject import Subject
-from evaluator.certify.verify import MemoryConnector, certify, play_reference
+from evaluator.certify.verify import MemoryConnector, certify
 from evaluator.records.episode import Episode
 from scenes import Category, PackFiles
-from tests.builders.author import Author
-
-SEEDS = 3
-"""The template draws each of its three structures on one of these seeds."""
-
-
-@pytest.fixture
-def author(tmp_path: Path) -> Author:
-    return Author(tmp_path)
+from tests.builders.author import TEMPLATE_SEEDS, Author
 
 
 @pytest.fixture
 def files(author: Author) -> PackFiles:
     return author.write(Category.HARD_SINGLE)
-
-
-@pytest.fixture(scope="module")
-def episodes(tmp_path_factory: pytest.TempPathFactory) -> list[Episode]:
-    """The reference agent's episodes in the template."""
-    files = Author(tmp_path_factory.mktemp("scenes")).write(Category.HARD_SINGLE)
-    subject, laboratory = Subject.open(files), MemoryConnector(files.folder.parent)
-
-    async def play() -> list[Episode]:
-        return [await play_reference(subject, seed, laboratory) for seed in range(SEEDS)]
-
-    return anyio.run(play)
 
 
 def also(files: PackFiles, code: str) -> None:
@@ -68,11 +45,11 @@ def test_a_law_that_fits_and_answers_otherwise_leaves_the_answer_open(
         "    return fits | {'bend': replace(best, answer=1.2 * best.answer)}\n",
     )
     check = check_determined(Subject.open(files), episodes)
-    assert len(check.reasons) == SEEDS
+    assert len(check.reasons) == TEMPLATE_SEEDS
     assert check.reasons[0].startswith("seed 0: 'bend' fits the readings as well as 'dry and linear' (chi-square")
     assert "and gives 34." in check.reasons[0]
     assert float(check.reasons[0].rpartition("the key is ")[2]) == pytest.approx(28.5, rel=1e-6)
-    assert check.figures["ambiguous_seeds"] == SEEDS
+    assert check.figures["ambiguous_seeds"] == TEMPLATE_SEEDS
 
 
 def test_constants_that_the_readings_leave_open_are_detected(

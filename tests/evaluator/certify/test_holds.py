@@ -1,7 +1,6 @@
 """Tests of certificate 11: it passes catches that hold, and detects one that fails under any kind of load."""
 
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import pytest
@@ -80,11 +79,6 @@ def drawn(pack: dict[str, Any]) -> None:
     pack["limits"] = {"force": 10, "torque": 0, "lab_time": 20, "calls": 100}
     pack["laws"] = held_by(HELD)
     pack["catches"] = [LATCH, STOPS]
-
-
-@pytest.fixture
-def author(tmp_path: Path) -> Author:
-    return Author(tmp_path)
 
 
 @pytest.fixture

@@ -1,10 +1,8 @@
 """Tests that certificates 7 to 10 and lint's rules for prediction scenes each detect a planted fault."""
 
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
-import anyio
 import pytest
 
 from evaluator.certify.attempts import at_least, at_most, check_structure, check_tempting, check_unstageable
@@ -16,35 +14,15 @@ from evaluator.certify.twins import check_twins
 from evaluator.certify.verify import MemoryConnector, certify, play_reference
 from evaluator.records.episode import Episode
 from scenes import Category, PackFiles
-from tests.builders.author import Author
+from tests.builders.author import TEMPLATE_SEEDS, Author
 from tests.builders.records import episode
-
-SEEDS = 3
-"""The template draws each of its three structures on one of these seeds."""
 
 Change = Callable[[dict[str, Any]], None]
 
 
 @pytest.fixture
-def author(tmp_path: Path) -> Author:
-    return Author(tmp_path)
-
-
-@pytest.fixture
 def files(author: Author) -> PackFiles:
     return author.write(Category.HARD_SINGLE)
-
-
-@pytest.fixture(scope="module")
-def episodes(tmp_path_factory: pytest.TempPathFactory) -> list[Episode]:
-    """The reference agent's episodes in the template."""
-    files = Author(tmp_path_factory.mktemp("scenes")).write(Category.HARD_SINGLE)
-    subject, laboratory = Subject.open(files), MemoryConnector(files.folder.parent)
-
-    async def play() -> list[Episode]:
-        return [await play_reference(subject, seed, laboratory) for seed in range(SEEDS)]
-
-    return anyio.run(play)
 
 
 def only_reason(check: Check) -> str:
@@ -54,19 +32,19 @@ def only_reason(check: Check) -> str:
 
 
 async def test_the_template_of_a_scene_with_a_prediction_has_all_certificates(files: PackFiles) -> None:
-    certificate = await certify(files, SEEDS, MemoryConnector(files.folder.parent))
+    certificate = await certify(files, TEMPLATE_SEEDS, MemoryConnector(files.folder.parent))
     assert [check for check in certificate.checks if not check.passed] == []
     names = tuple(check.name for check in certificate.checks)
     assert names == CERTIFICATES + PREDICTION_CERTIFICATES + FAMILY_CERTIFICATES
     figures = {check.name: check.figures for check in certificate.checks}
     assert "wrong_by_rote" not in figures["difficulty"]
-    assert figures["unstageable"]["stage_refused"] == SEEDS
+    assert figures["unstageable"]["stage_refused"] == TEMPLATE_SEEDS
     assert figures["instrument"]["calls"] == 30
 
 
 async def test_what_can_be_brought_about_is_stageable(author: Author, files: PackFiles) -> None:
     author.edit(files, lambda pack: pack["limits"].update(force=100))
-    check = await check_unstageable(Subject.open(files), SEEDS)
+    check = await check_unstageable(Subject.open(files), TEMPLATE_SEEDS)
     assert "stage is right at seed 0: what is asked can be brought about" in check.reasons[0]
 
 
@@ -86,7 +64,7 @@ async def test_a_fixed_batch_that_finds_the_answer_is_detected(author: Author, f
             "    best = min(TERMS.values(), key=lambda terms: law(pushes, terms)[1])\n"
             "    yield [answer(speed(*law(pushes, best)[0], ASKED_N))]\n"
         )
-    reason = only_reason(await check_unstageable(Subject.open(files), SEEDS))
+    reason = only_reason(await check_unstageable(Subject.open(files), TEMPLATE_SEEDS))
     assert reason == "batch is right on 3 of 3 seeds; at most a third may be"
 
 
@@ -109,7 +87,7 @@ async def test_a_question_that_proportion_answers_is_found_by_the_attackers(auth
     author.edit(files, lambda pack: pack["derive"].update(f="0.0", c="linear", k="0.0"))
     author.replace(files.mjcf, 'frictionloss="3"', 'frictionloss="0"')
     author.replace(files.solution, "SETTLE_S = 15.0", "SETTLE_S = 10.0")
-    reasons = (await check_unstageable(Subject.open(files), SEEDS)).reasons
+    reasons = (await check_unstageable(Subject.open(files), TEMPLATE_SEEDS)).reasons
     assert "the attacker proportional is right on 3 of 3 seeds; at most 20% may be" in reasons
     assert "the attacker sweep is right on 3 of 3 seeds; at most 20% may be" in reasons
 
@@ -126,7 +104,7 @@ async def test_stages_and_a_batch_are_needed(author: Author, files: PackFiles) -
 
 def test_a_shortcut_that_is_nearly_right_is_not_tempting(author: Author, files: PackFiles) -> None:
     author.replace(files.solution, '"root": known * sqrt(ASKED_N / 10)', '"close": 1.09 * theory(knobs)')
-    reason = only_reason(check_tempting(Subject.open(files), SEEDS))
+    reason = only_reason(check_tempting(Subject.open(files), TEMPLATE_SEEDS))
     assert "the shortcut 'close' misses by more than 10 % on only 0 of 3 seeds" in reason
 
 
@@ -141,8 +119,8 @@ def test_a_shortcut_to_a_choice_is_wrong_if_it_names_another_option(author: Auth
     author.replace(
         files.solution, "def naive(", 'def naive(knobs):\n    return {"same": "10", "next": 11}\n\n\ndef old('
     )
-    check = check_tempting(Subject.open(files), SEEDS)
-    assert dict(check.figures) == {"same_off": 0, "next_off": SEEDS}
+    check = check_tempting(Subject.open(files), TEMPLATE_SEEDS)
+    assert dict(check.figures) == {"same_off": 0, "next_off": TEMPLATE_SEEDS}
 
 
 LABEL = "def structure(knobs):\n    "
