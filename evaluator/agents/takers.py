@@ -1,8 +1,8 @@
-"""Synthetic takers: the reference agent under handicaps whose order is known, for calibration and for testing scenes.
+"""Synthetic takers: the reference agent with handicaps of known order, for calibration and for testing scenes.
 
-A taker changes what passes between a reference protocol and the laboratory: calls that are not made, readings with more
-noise, wrong arguments, laws that it does not know. The protocol itself is not changed. The random numbers of an episode
-depend on its scene, seed and epoch alone, so that a larger handicap of the same kind includes the smaller one.
+A taker changes the calls and readings between a reference protocol and the laboratory: omitted calls, noisier readings,
+wrong arguments, unknown laws. The protocol itself is not changed. The random numbers of an episode
+depend only on its scene, seed and epoch, so a stronger handicap of the same kind includes the weaker one.
 """
 
 import itertools
@@ -21,17 +21,17 @@ from scenes.protocol import Call, Member, Reading, load_solution
 
 TAKER = "taker:"
 _SHARE = 0.01
-"""Standard deviation of the added noise at `noise-1`, relative to the reading, where the scene states no noise."""
+"""Standard deviation of the added noise at `noise-1`, relative to the reading, if the scene states no noise."""
 _WRONG = 0.5
 """Factor of the numbers in a wrong call. It is below 1, so that no wrong call exceeds a limit of the scene."""
 _READS = ("get_", "compute_", "detect_", "find_")
-"""Starts of the names of the tools that read. They get noise and no slips."""
+"""Prefixes of the names of reading tools, whose results get noise and whose calls get no slips."""
 _INSTRUMENTS = {"position": "position", "velocity": "velocity", "angle": "angle", "angular_velocity": "spin"}
 """Field of a result → name of the instrument that reads it."""
 _ROUNDS = 300
 """Number of batches without a call after which a protocol has failed."""
 LAWS = ("unknown-1", "unknown-2", "no-check", "wrong-law")
-"""Handicaps about the family of laws that a task states, mildest first."""
+"""Handicaps concerning the family of laws that a task states, weakest first."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,13 +44,13 @@ class Handicap:
     """Standard deviation of the noise added to readings: in units of the noise that the scene states for the
     instrument, or in per cent of the reading where it states none."""
     slips: float = 0.0
-    """Per cent of the calls that act or wait in which the numbers are half of the intended ones."""
+    """Percentage of the acting or waiting calls in which the numbers are half of the intended ones."""
     law: str = ""
     """Entry of `LAWS`, effective where the pack fits a family: one or two structures are unknown to the taker; it knows
     only one and checks no other; or it knows all but the one that fits best. Empty if it knows all."""
 
     def is_within(self, other: "Handicap") -> bool:
-        """Whether this handicap is nowhere larger than another one."""
+        """Return whether this handicap is at most as strong as another one in every respect."""
         law = ("", *LAWS).index
         return (
             self.calls >= other.calls
@@ -132,7 +132,7 @@ class _TakerPlayer:
     """Name of an instrument → standard deviation of its noise, as stated by the scene."""
     rivals: Callable[[Sequence[tuple[Call, Reading]]], Mapping[str, Member]] | None
     salt: str
-    """Start of the seeds of all random numbers of the episode."""
+    """Common prefix of the seeds of all random numbers of the episode."""
     made: int = 0
     """Number of calls made."""
     asked: int = 0
@@ -164,7 +164,7 @@ class _TakerPlayer:
         raise AgentError("the protocol cannot continue without the calls that were not made")
 
     def _sent(self, calls: Sequence[ToolCall]) -> Iterator[ToolCall]:
-        """Yield the calls that are made, with slips, or with the answer by the laws that the taker knows."""
+        """Yield the calls that the taker makes, with slips, or with the answer by the laws that it knows."""
         for number, asked in enumerate(calls, self.asked):
             if asked.tool == ANSWER:
                 yield self._fitted(asked) if self.handicap.law else asked
@@ -174,7 +174,7 @@ class _TakerPlayer:
                 yield ToolCall(tool=asked.tool, arguments=_scaled(asked.arguments)) if slips else asked
 
     def _received(self, exchanges: Sequence[Exchange]) -> Feedback:
-        """Return what the protocol learns of its latest batch: distorted readings, none for calls not made."""
+        """Return the readings of the latest batch for the protocol: distorted, and empty for omitted calls."""
         assert self.reply is not None
         told: list[Exchange] = []
         for asked, made in itertools.zip_longest(self.reply.calls, exchanges):
@@ -208,7 +208,7 @@ class _TakerPlayer:
         }
 
     def _fitted(self, asked: ToolCall) -> ToolCall:
-        """Return the answer by the best fitting law that the taker knows; the given one if the pack fits no family."""
+        """Return the answer by the best-fitting known law; the given answer if the pack fits no family."""
         if self.rivals is None:
             return asked
         try:

@@ -1,7 +1,7 @@
-"""Proves variants at seeds that no certificate covers, by what the certificates check of a single seed.
+"""Verifies variants at seeds that no certificate covers, by the certificate checks that apply to a single seed.
 
 A variant is proved if theory and engine agree on its key and the reference protocol finds it (certificate `key`), if
-its readings at the start are those of seed 0 (`twins`), and if no contact is deep and no energy comes from nowhere
+its initial readings are those of seed 0 (`twins`), and if initial contacts are not deep and energy does not increase
 (`sane`). Proofs are cached by the hash of the pack and the seed.
 """
 
@@ -45,16 +45,16 @@ class SeedProof(Record):
     """Why it fails, one sentence for each reason. Absent for held-back seeds, because a reason may state the key."""
 
     def sentence(self, scene: int) -> str:
-        """Why the seed is not played, as a clause without the key."""
+        """Return why the seed is not played, as a clause without the key."""
         return f"scene {reference_of(scene)}, seed {self.seed} cannot be proved (certificate {', '.join(self.failed)})"
 
 
 def prove(files: PackFiles, seed: int) -> tuple[Check, ...]:
-    """Check one seed of a pack, whose `solution.py` is executed.
+    """Check one seed of a pack. This executes the pack's `solution.py`.
 
     Args:
         files: The pack.
-        seed: The seed that the variant is drawn from.
+        seed: The seed from which the variant is drawn.
     """
     # Loads the engine and the server, which a run on certified seeds does not need.
     from evaluator.certify.keys import check_key  # noqa: PLC0415
@@ -84,7 +84,7 @@ Variant = tuple[int, int]
 
 @dataclass(slots=True)
 class SeedProver:
-    """Says which seeds may be played, and proves those that no certificate covers."""
+    """Decides which seeds may be played, and proves those that no certificate covers."""
 
     packs: Sequence[PackFiles]
     """Packs of the scenes that may be played."""
@@ -94,7 +94,7 @@ class SeedProver:
     held_back: str = ""
     """Commitment to the key of held-back seeds; empty if the seeds are as recorded."""
     skip: bool = False
-    """Whether the operator wants no proofs."""
+    """Whether the operator disabled proofs."""
     workers: int = field(default_factory=lambda: os.cpu_count() or 1)
     """Number of processes."""
     _certified: dict[int, int] | None = None
@@ -104,7 +104,7 @@ class SeedProver:
     _left_out: dict[Variant, SeedProof] = field(default_factory=dict[Variant, SeedProof])
 
     def needs_proof(self, scene: int, seed: int) -> bool:
-        """Whether a seed is proved before it is played: that of a certified scene, beyond those of its certificate."""
+        """Return whether a seed must be proved: it belongs to a certified scene but not to its certificate."""
         return not self.skip and scene in self._certificates() and not self._is_certified(scene, seed)
 
     def _is_certified(self, scene: int, seed: int) -> bool:
@@ -182,7 +182,7 @@ class SeedProver:
                     self._known[files.scene_id, proof.seed] = proof
 
     def record(self, played: Iterable[Variant]) -> SeedProofs:
-        """What the record of a run says about the variants that it played."""
+        """Return the entry about the played variants for the record of a run."""
         proved, unproved = dict[str, tuple[int, ...]](), dict[str, tuple[int, ...]]()
         for scene, seed in sorted(set(played)):
             if not is_world(scene) and not self._is_certified(scene, seed):

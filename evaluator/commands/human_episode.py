@@ -1,4 +1,4 @@
-"""An episode that a person plays: opened, recorded and graded as any other, from the terminal or from the page."""
+"""An episode that a person plays, in the terminal or on the page: opened, recorded and graded as any other."""
 
 import contextlib
 from collections.abc import Generator
@@ -27,7 +27,7 @@ from scenes import PackFiles
 
 @dataclass(frozen=True, slots=True)
 class Variant:
-    """A variant of a scene, and where its run is recorded."""
+    """A variant of a scene, and the run folder in which it is recorded."""
 
     files: PackFiles
     seed: int

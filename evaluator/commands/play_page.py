@@ -91,7 +91,7 @@ def _with_choices(ending: Ending, variant: Variant, following: PackFiles | None)
 
 
 def _following(files: PackFiles, scenes_dir: Path | None) -> PackFiles | None:
-    """The pack with the next id; None after the last one, and for a world."""
+    """Return the pack with the next id; None after the last one, and for a world."""
     if is_world(files.scene_id):
         return None
     with contextlib.suppress(PackError):
@@ -100,7 +100,7 @@ def _following(files: PackFiles, scenes_dir: Path | None) -> PackFiles | None:
 
 
 def _folders(first: Path) -> Iterator[Path]:
-    """Names of further run folders beside the first one: `NAME-2`, `NAME-3` and so on, those that do not exist."""
+    """Yield unused names of further run folders next to the first one: `NAME-2`, `NAME-3` and so on."""
     number = 2
     while True:
         path = first.with_name(f"{first.name}-{number}")

@@ -51,7 +51,7 @@ Look = Callable[[types.CallToolResult], None]
 
 @dataclass(frozen=True, slots=True)
 class Toolbox:
-    """The tools of a server. Episodes share one toolbox, because the schemas of 26 tools are thousands of objects."""
+    """The tools of a server. Episodes share one toolbox, because 26 schemas take thousands of Python objects."""
 
     tools: tuple[ToolDescription, ...]
     _arguments: _Schemas

@@ -1,4 +1,4 @@
-"""What an episode that is being played does now: its turn and its last call, for displays."""
+"""The current turn and the last call of a running episode, for displays."""
 
 import time
 from contextvars import ContextVar
@@ -9,7 +9,7 @@ from evaluator.records.episode import EpisodeKey
 
 @dataclass(slots=True)
 class Underway:
-    """An episode that is being played. Changes while it is played; nothing of it is recorded."""
+    """State of a running episode. It changes while the episode is played; none of it is recorded."""
 
     key: EpisodeKey
     turn: int = 0
@@ -21,11 +21,11 @@ class Underway:
 
 
 UNDERWAY: ContextVar[Underway | None] = ContextVar("UNDERWAY", default=None)
-"""The episode that the present task plays; None if nobody asked for it."""
+"""The episode that the present task plays; None if no display needs it."""
 
 
 def note_turn(number: int) -> None:
-    """Say that a turn begins.
+    """Record that a turn begins.
 
     Args:
         number: Number of the turn, from 1.
@@ -36,7 +36,7 @@ def note_turn(number: int) -> None:
 
 
 def note_call(tool: str) -> None:
-    """Say that a tool is called."""
+    """Record that a tool is called."""
     present = UNDERWAY.get()
     if present is not None:
         present.call = tool

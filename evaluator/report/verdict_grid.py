@@ -1,4 +1,4 @@
-"""The grid at the head of a report: a cell for each agent and scene, with what became of its episodes."""
+"""The grid at the head of a report: a cell for each agent and scene, with the verdicts of its episodes."""
 
 from collections import defaultdict
 from collections.abc import Sequence
@@ -16,13 +16,13 @@ class VerdictCell(NamedTuple):
     state: str
     """`correct`, `incorrect`, `unscored`, or `mixed` if its scored episodes differ; empty if there is none."""
     symbol: str
-    """One character for the state, so that it is not told by colour alone."""
+    """One character for the state, so that colour is not the only distinction."""
     words: str
     """Scene and state, such as `28 Glider between cords: 2 of 3 correct`."""
     href: str
     """The notebook of its only episode, or the list of episodes."""
     chosen: str
-    """Filter of the list that leaves its episodes; empty if the cell leads to a notebook."""
+    """Filter of the list that shows only its episodes; empty if the cell links to a notebook."""
 
 
 def verdict_grid(entries: Sequence[Entry], agents: int) -> list[list[VerdictCell]]:

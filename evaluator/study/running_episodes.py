@@ -1,4 +1,4 @@
-"""Tells `watch` which episodes are being played: a small file in the run folder, which is removed at the end."""
+"""Lists the running episodes for `watch` in a small file in the run folder, which is removed at the end."""
 
 import contextlib
 import time
@@ -19,7 +19,7 @@ _EVERY_S = 1.0
 
 @dataclass(slots=True)
 class Board:
-    """The episodes that a run plays at present."""
+    """The running episodes of a run."""
 
     folder: RunFolder
     _present: dict[EpisodeKey, Underway] = field(default_factory=dict[EpisodeKey, Underway])
@@ -36,7 +36,7 @@ class Board:
             del self._present[key]
 
     async def keep_written(self) -> None:
-        """Write the file again and again until cancelled, and then remove it."""
+        """Rewrite the file at intervals until cancelled, and then remove it."""
         try:
             while True:
                 self.write()
@@ -45,7 +45,7 @@ class Board:
             self.folder.running_file.unlink(missing_ok=True)
 
     def write(self) -> None:
-        """Write the file. A failure is ignored: the file is a display."""
+        """Write the file. Errors are ignored, because the file is only for display."""
         clock, now = time.monotonic(), datetime.now(UTC)
         found = RunningEpisodes(
             episodes=tuple(

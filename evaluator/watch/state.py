@@ -19,7 +19,7 @@ NEWEST, TROUBLED, OVERTAKEN = 25, 15, 15
 RUNNING, POINTS = 50, 100
 """Largest number of running episodes, and of points of a line."""
 _SILENT_S = 30.0
-"""A run that has not told for this long what it plays was killed [s]."""
+"""A run that has not listed its running episodes for this long counts as killed [s]."""
 _PATIENCE_S = 60.0
 """A run counts as quiet if no episode ended for this long [s] and for three times its longest episode."""
 _RECENT = 50
@@ -137,7 +137,7 @@ def _numbers(group: Sequence[FollowedEpisode]) -> dict[str, Any]:
 
 
 def _running(run: FollowedRun, now: datetime) -> Iterator[dict[str, Any]]:
-    """Yield the episodes that are being played, those that take longest first; none if the run was killed."""
+    """Yield the running episodes, longest duration first; none if the run was killed."""
     if now.timestamp() - run.running_at > _SILENT_S:
         return
     for one in sorted(run.running, key=lambda one: one.began_at)[:RUNNING]:

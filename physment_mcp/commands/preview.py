@@ -1,4 +1,4 @@
-"""`physment-mcp preview`: the app of the laboratory in a local page, shown as a chat client shows it."""
+"""`physment-mcp preview`: shows the app of the laboratory in a local page, as a chat client does."""
 
 import argparse
 import functools
@@ -136,7 +136,7 @@ class _Host:
         self._title = title
 
     async def state(self, _request: "Request") -> "Response":
-        """The prompt, the tools, and those whose results the app shows."""
+        """Return the prompt, the tools, and the tools whose results the app shows."""
         from physment_mcp.serving.lab_app import SHOWING  # noqa: PLC0415
 
         tools = [
@@ -148,7 +148,7 @@ class _Host:
         return _json({"title": self._title, "prompt": text, "tools": tools, "showing": sorted(SHOWING)})
 
     async def app(self, _request: "Request") -> "Response":
-        """The page of the app, without access to this origin, whatever shows it."""
+        """Return the page of the app, in a sandbox without access to this origin."""
         from starlette.responses import HTMLResponse  # noqa: PLC0415
 
         from physment_mcp.serving.lab_app import APP_URI  # noqa: PLC0415
@@ -158,7 +158,7 @@ class _Host:
         return HTMLResponse(content.model_dump()["text"], headers=headers)
 
     async def view(self, request: "Request") -> "Response":
-        """What may be seen now, as the app reads it."""
+        """Return the current view, as the app reads it."""
         from physment_mcp.contract.names import VIEW_URI  # noqa: PLC0415
 
         del request

@@ -7,19 +7,19 @@ Reading = dict[str, Any]
 """`position` [m], `time` of the reading [s] and, if it was returned, `angle` [rad]."""
 
 _PLACES = {"get_position": "position", "move_object": "position", "change_position": "new_position"}
-"""Tool → field of its result that holds the place of the object it was called for."""
+"""Tool → field of its result that holds the position of the object."""
 
 
 def read_after(
     before: Mapping[str, Reading], tool: str, arguments: Mapping[str, Any], content: Mapping[str, Any]
 ) -> dict[str, Reading]:
-    """The last reading of each object after a call.
+    """Return the last reading of each object after a call.
 
     Args:
-        before: The last readings before it, by object id.
+        before: The last readings before the call, by object id.
         tool: Name of the tool.
         arguments: Arguments of the call.
-        content: What it returned.
+        content: Its result.
     """
     time = content.get("sim_time")
     if not _is_number(time):

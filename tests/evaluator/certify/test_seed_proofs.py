@@ -1,4 +1,4 @@
-"""Seeds beyond the certified ones are proved before they are played; one that fails is left out or refused."""
+"""Tests that seeds without a certificate are proved before they are played, and replaced or refused if they fail."""
 
 import json
 from pathlib import Path

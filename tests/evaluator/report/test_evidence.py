@@ -1,4 +1,4 @@
-"""Evidence in a report: verdicts, planes and curves, where it was measured; nothing where it was not."""
+"""Tests of evidence in a report: verdicts, planes and curves for measured episodes only."""
 
 from dataclasses import replace
 from pathlib import Path
