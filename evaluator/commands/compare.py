@@ -89,7 +89,7 @@ def _side(path: Path, chosen: Mapping[str, str], without: Sequence[int], keys: K
         StoreError: The folder cannot be read.
     """
     folder = RunFolder(path)
-    folder.read_run()  # refuses a folder that holds no run
+    presentation = folder.read_run().plan.presentation  # refuses a folder that holds no run
     evidence = folder.evidence()
     rows = [
         score_episode(episode, record, keys, evidence.get(episode.key))
@@ -97,7 +97,7 @@ def _side(path: Path, chosen: Mapping[str, str], without: Sequence[int], keys: K
         if episode.key.scene not in without
         and all(str(getattr(episode.key, name)) == value for name, value in chosen.items())
     ]
-    return Side(str(path), rows)
+    return Side(str(path), rows, presentation)
 
 
 def _print(found: Comparison, first: Path, second: Path) -> None:

@@ -5,6 +5,7 @@ from pathlib import Path
 
 from rich.console import Console
 
+from evaluator.agents.presentation import parse_presentation
 from evaluator.answers.keys import KeyRing
 from evaluator.commands.agent_options import USUAL_CONCURRENCY, add_model_options, model_options
 from evaluator.commands.base import Commands, allow_modified, count_of, folder_to_write, seconds, seed_key
@@ -119,6 +120,7 @@ def _config(args: argparse.Namespace, episodes: list[Episode], stored: Plan, see
         scenes_dir=args.scenes_dir,
         server=args.server,
         observations=stored.observations,
+        presentation=parse_presentation(",".join(stored.presentation)),
         seed_key=seed_key,
         packs=packs,
         budgets=tuple(sorted({key.budget for key in keys})),

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from evaluator.agents.stopping import POLICIES
+from evaluator.agents.presentation import Change, parse_presentation
 from evaluator.commands.agent_options import (
     USUAL_CONCURRENCY,
     add_external_options,
@@ -72,6 +73,7 @@ def read_options(args: argparse.Namespace, environ: Mapping[str, str] = os.envir
         observations=args.observations,
         **model_options(args),
         stopping=args.stopping,
+        presentation=parse_presentation(args.presentation),
         command=tuple(args.command_words),
         max_calls=args.max_calls,
         max_wall_s=args.max_wall_time,
@@ -210,6 +212,13 @@ def _matrix(group: "ArgumentGroup") -> None:
         default="always",
         metavar="P",
         help=f"{' · '.join(POLICIES)}: when agents are advised to answer (default always: no advice)",
+    )
+    group.add_argument(
+        "--presentation",
+        default="",
+        metavar="C,…",
+        help=f"{' · '.join(Change)}: play the episodes in other words, with other ids of objects, or with lists of"
+        " objects reversed; `compare` with a run without it shows whether that matters (default: none)",
     )
     group.add_argument(
         "--observations",

@@ -47,6 +47,9 @@ class Plan(OpenRecord):
     held_back: str = Field(default="", exclude_if=is_absent)
     """Commitment to the key of held-back seeds. `seeds` are then numbers of variants, from which only the key derives
     the real seeds. Absent if `seeds` are the real seeds."""
+    presentation: tuple[str, ...] = Field(default=(), exclude_if=is_absent)
+    """What differed for the agents from the episodes as the laboratory presents them, such as `names`; absent if
+    nothing did. Records hold the laboratory's own terms."""
     replaced: dict[str, dict[int, int]] = Field(default_factory=dict[str, dict[int, int]], exclude_if=is_absent)
     """Scene → seed that could not be proved → the seed that is played in its place; absent if there is none."""
 

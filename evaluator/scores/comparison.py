@@ -43,6 +43,8 @@ class Side(NamedTuple):
     name: str
     """Its label if the two runs have equal conditions, such as the name of its folder."""
     rows: Sequence[ScoredEpisode]
+    presentation: tuple[str, ...] = ()
+    """What differed for its agents from the episodes as the laboratory presents them."""
 
 
 class GroupDifference(Record):
@@ -235,10 +237,13 @@ def _labels(a: Side, b: Side, whole: Sequence[str]) -> tuple[str, str]:
             for name in differing
             if name != "agent"
         )
+        if a.presentation != b.presentation:
+            met = f"presentation {', '.join(side.presentation)}" if side.presentation else "as presented"
+            conditions = ", ".join(filter(None, (conditions, met)))
         agent = _values(side, "agent")[0] if "agent" in whole else side.name
         return f"{agent} ({conditions})" if conditions else agent
 
-    if differing:
+    if differing or a.presentation != b.presentation:
         return label(a), label(b)
     return (a.name, b.name) if a.name != b.name else (f"{a.name} (first)", f"{b.name} (second)")
 

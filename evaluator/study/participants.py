@@ -15,6 +15,7 @@ from evaluator.agents.reference import ReferenceAgent
 from evaluator.agents.scripted import BatchAgent, ConstantAgent, load_script
 from evaluator.agents.stopping import with_stopping
 from evaluator.agents.takers import TakerAgent
+from evaluator.agents.presentation import presented
 from evaluator.episode.loop import AgentParticipant, Participant
 from evaluator.episode.player import Agent
 from evaluator.errors import UsageError
@@ -70,6 +71,8 @@ AGENTS = (
 )
 """Forms of the values that `--agent` accepts."""
 EXTERNAL = "external"
+_SPEAK_ORIGINAL = frozenset({"reference", "grammar", "constant", "batch", "attacker", "scripted", "replay", "taker"})
+"""Kinds of agents that are programs written for the terms of the laboratory."""
 _PLAIN: Mapping[str, Callable[[Path | None], Agent]] = {
     "reference": ReferenceAgent,
     "grammar": lambda _: _grammar(),
@@ -98,7 +101,7 @@ def participants_of(config: RunConfig) -> dict[str, Participant]:
     lanes = Lanes(config.lanes)
     participants: dict[str, Participant] = {}
     for text in config.agents:
-        participant = _external(config) if text == EXTERNAL else _with_stopping(config, _by_turns(config, text, lanes))
+        participant = _external(config) if text == EXTERNAL else _wrapped(config, text, _by_turns(config, text, lanes))
         if participant.name in participants:
             raise UsageError(f"--agent {text}: is given twice")
         participants[participant.name] = participant
@@ -106,6 +109,8 @@ def participants_of(config: RunConfig) -> dict[str, Participant]:
 
 
 def _external(config: RunConfig) -> ExternalAgent:
+    if config.presentation:
+        raise UsageError("--presentation: an external agent speaks with the laboratory itself")
     if config.stopping != "always":
         raise UsageError("--stopping: an external agent drives itself and cannot be told when to answer")
     return parse_external(
@@ -120,8 +125,11 @@ def _external(config: RunConfig) -> ExternalAgent:
     )
 
 
-def _with_stopping(config: RunConfig, participant: AgentParticipant) -> AgentParticipant:
-    return participant.wrapped(lambda agent: with_stopping(agent, config.stopping))
+def _wrapped(config: RunConfig, text: str, participant: AgentParticipant) -> AgentParticipant:
+    """The participant, advised, and with the presentation of the run."""
+    original = text.removeprefix("oracle-once:").partition(":")[0] in _SPEAK_ORIGINAL
+    advised = participant.wrapped(lambda agent: with_stopping(agent, config.stopping))
+    return advised.wrapped(lambda agent: presented(agent, config.presentation, speaks_original=original))
 
 
 def _by_turns(config: RunConfig, text: str, lanes: Lanes) -> AgentParticipant:

@@ -8,6 +8,7 @@ from pathlib import Path
 from evaluator.agents.external.agent import ExternalAgent
 from evaluator.agents.models.choice import Options
 from evaluator.agents.models.lanes import Patience
+from evaluator.agents.presentation import Change
 from evaluator.episode.loop import Participant
 from evaluator.records.episode import Usage
 from evaluator.records.run import Plan
@@ -103,6 +104,8 @@ class RunConfig:
     """Timeouts and number of retries of requests to models."""
     stopping: str = "always"
     """Value of `--stopping`: the policy that advises agents when to answer."""
+    presentation: tuple[Change, ...] = ()
+    """What differs for the agents from the episodes as the laboratory presents them."""
     command: tuple[str, ...] = ()
     """Arguments after `--`: the program of an external agent."""
     max_calls: int | None = None
@@ -180,5 +183,6 @@ class RunConfig:
             observations=self.observations,
             own_seeds=() if self.same_seeds else programs,
             split=self.split,
+            presentation=tuple(map(str, self.presentation)),
             held_back=self.seed_key.commitment if self.seed_key else "",
         )

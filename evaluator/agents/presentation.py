@@ -1,0 +1,248 @@
+"""Sensitivity presentation: the same episode in other words, with other object names, or with its objects in another order.
+
+A translation stands between an agent and the laboratory. It changes what the agent is told and shown, and changes the
+agent's calls back. Records hold the laboratory's own terms, so a run is graded, replayed and compared like any other.
+The translation depends on the text alone, never on hidden values, so the agent learns neither more nor less.
+"""
+
+import json
+import re
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from enum import StrEnum
+
+from pydantic import JsonValue
+
+from evaluator.episode.player import Agent, Briefing, Feedback, Player, Reply, ToolDescription
+from evaluator.errors import UsageError
+from evaluator.records.episode import EpisodeKey, Exchange, ToolCall
+
+
+class Change(StrEnum):
+    """A change of how the laboratory presents an episode."""
+
+    PARAPHRASE = "paraphrase"
+    """The prompt says the same in other words; the task itself is not changed."""
+    NAMES = "names"
+    """Objects have other ids, such as sample_q for object_1."""
+    ORDER = "order"
+    """Lists of objects are reversed."""
+
+
+PARAPHRASES = (
+    (
+        "You are an experimental physicist in a simulated laboratory. Nothing is known but what you are told here and"
+        " what you measure.",
+        "You work as an experimental physicist, in a laboratory that is simulated. You know only what this text says"
+        " and what you find by measuring.",
+    ),
+    (
+        "SI units. World frame, z up. Vectors are [x, y, z], quaternions [w, x, y, z].",
+        "All quantities are in SI units, in the world frame, whose z axis points up. A vector is written [x, y, z], a"
+        " quaternion [w, x, y, z].",
+    ),
+    (
+        "Sizes are full edge lengths along the object's own axes.",
+        "A size gives the whole lengths of the edges, along the axes of the object itself.",
+    ),
+    (
+        "A call that would go beyond a limit is refused, says what is left, and changes nothing.",
+        "If a call would exceed a limit, it is not carried out: nothing changes, and the reply says how much is left.",
+    ),
+    (
+        "Whatever is computed from readings is as fine as they are. Objects are put to places no more finely than"
+        " positions are read.",
+        "Values computed from readings have the resolution of the readings, and objects are placed no more finely than"
+        " positions are read.",
+    ),
+    (
+        "A second reading at the same moment repeats the first; errors at different moments differ.",
+        "Reading twice at one moment gives the same value; at another moment the error is another one.",
+    ),
+    (
+        "A call that cannot be done returns one sentence that says why, and changes nothing.",
+        "If a call is impossible, one sentence gives the reason, and the scene stays as it is.",
+    ),
+    ("To answer, call `answer` with your final answer.", "Give your final answer by calling `answer`."),
+    (
+        "An iteration is one reply of yours, with as many tool calls as you like. If you have not answered when they"
+        " are used up, the task counts as failed.",
+        "Each reply of yours is one iteration and may hold any number of tool calls. Without an answer by the last of"
+        " them, the task counts as failed.",
+    ),
+    (
+        "The calls of a reply run in order. A call that fits no tool ends them: the calls before it stand, the call and"
+        " those after it are not run. A call that the laboratory refuses does not end them.",
+        "Calls of one reply are run one after the other. At a call that fits no tool they stop: earlier calls keep"
+        " their effect, this one and later ones are not run. After a call that the laboratory refuses they go on.",
+    ),
+    (
+        "Time stands still until you call `step`. Forces and torques keep acting until you set them again. Assume"
+        " nothing that you can measure. You can answer once; the answer ends the episode.",
+        "No time passes except in `step`. A force or torque acts until you set another. Do not assume what could be"
+        " measured. There is one answer, and it ends the episode.",
+    ),
+    (
+        "Before each set of calls, say in a sentence or two why you make them.",
+        "Explain each set of calls in one or two sentences before you make it.",
+    ),
+)
+"""Sentences of the opening prompt, each with its paraphrase."""
+
+_LISTS = frozenset({"objects", "revealed", "included", "excluded", "also_deleted"})
+"""Fields of results, and of the scene's resource, that list objects."""
+_ID = re.compile(r"\b(?:object_(?P<number>0|[1-9]\d{0,5})|sample_(?P<letters>[a-z]{1,5}))\b")
+_FIRST = 16
+"""Offset of the letters, so that object_1 is sample_q."""
+_ROWS = re.compile(r"(?<=\n\|---)((?:\|---)+\|\n)((?:\| .*\n?)+)")
+"""Matches the rows of the first table of a prompt, which lists the objects."""
+
+
+@dataclass(frozen=True, slots=True)
+class Translation:
+    """Changes the laboratory's terms into those of presentation, or, if it is inverse, these back."""
+
+    presentation: tuple[Change, ...]
+    inverse: bool = False
+
+    def text(self, text: str) -> str:
+        """Exchange the ids of objects. Applied twice, it changes nothing."""
+        return _ID.sub(_other_id, text) if Change.NAMES in self.presentation else text
+
+    def prompt(self, text: str) -> str:
+        """Change an opening prompt."""
+        if Change.PARAPHRASE in self.presentation:
+            for pair in PARAPHRASES:
+                before, after = reversed(pair) if self.inverse else pair
+                text = text.replace(before, after)
+        if Change.ORDER in self.presentation:
+            text = _ROWS.sub(lambda table: table[1] + _reversed_rows(table[2]), text, count=1)
+        return self.text(text)
+
+    def value(self, value: JsonValue, *, listed: bool = False) -> JsonValue:
+        """Change a result, an argument or a schema.
+
+        Args:
+            value: The value.
+            listed: Whether it is a list of objects.
+        """
+        if isinstance(value, str):
+            return self.text(value)
+        if isinstance(value, dict):
+            return {self.text(name): self.value(part, listed=name in _LISTS) for name, part in value.items()}
+        if isinstance(value, list):
+            parts = [self.value(part) for part in value]
+            return parts[::-1] if listed and Change.ORDER in self.presentation else parts
+        return value
+
+    def briefing(self, briefing: Briefing) -> Briefing:
+        """Change what an agent learns before its first turn."""
+        tools = tuple(
+            ToolDescription(tool.name, self.text(tool.description), self._members(dict(tool.input_schema)))
+            for tool in briefing.tools
+        )
+        scene = self._members(dict(briefing.scene))
+        return replace(briefing, prompt=self.prompt(briefing.prompt), tools=tools, scene=scene)
+
+    def feedback(self, feedback: Feedback) -> Feedback:
+        """Change what an agent receives after a turn."""
+        return Feedback(
+            [self._exchange(exchange) for exchange in feedback.exchanges], self.text(feedback.note), feedback.remaining
+        )
+
+    def reply(self, reply: Reply) -> Reply:
+        """Change what an agent says and calls."""
+        thought = self.text(reply.reasoning[: reply.thought_chars])
+        said = self.text(reply.reasoning[reply.thought_chars :])
+        calls = tuple(self._call(call) for call in reply.calls)
+        return replace(reply, reasoning=thought + said, thought_chars=len(thought), calls=calls)
+
+    def _call(self, call: ToolCall) -> ToolCall:
+        return call.model_copy(update={"arguments": self._members(call.arguments)})
+
+    def _members(self, members: dict[str, JsonValue]) -> dict[str, JsonValue]:
+        changed = self.value(members)
+        assert isinstance(changed, dict)
+        return changed
+
+    def _exchange(self, exchange: Exchange) -> Exchange:
+        content = None if exchange.content is None else self._members(exchange.content)
+        try:
+            text = json.dumps(self.value(json.loads(exchange.text)), ensure_ascii=False, separators=(",", ":"))
+        except ValueError:
+            text = self.text(exchange.text)
+        return exchange.model_copy(update={"call": self._call(exchange.call), "content": content, "text": text})
+
+
+def _other_id(found: re.Match[str]) -> str:
+    if found["number"] is not None:
+        left, letters = int(found["number"]) + _FIRST, ""
+        while left > 0:
+            left, place = divmod(left - 1, 26)
+            letters = chr(ord("a") + place) + letters
+        return f"sample_{letters}"
+    number = -_FIRST + sum((ord(sign) - ord("a") + 1) * 26**place for place, sign in enumerate(found["letters"][::-1]))
+    return f"object_{number}" if 0 <= number < 10**6 else found[0]
+
+
+def _reversed_rows(rows: str) -> str:
+    return "".join(f"{row}\n" for row in reversed(rows.splitlines()))
+
+
+@dataclass(frozen=True, slots=True)
+class TranslatedAgent:
+    """Wraps an agent so that it meets another presentation."""
+
+    inner: Agent
+    translation: Translation
+
+    @property
+    def name(self) -> str:
+        """The inner agent's name: the run says how episodes were presented."""
+        return self.inner.name
+
+    def player(self, key: EpisodeKey, briefing: Briefing) -> "_TranslatedPlayer":
+        """Return the inner agent's player, which meets the other presentation."""
+        translation = self.translation
+        back = replace(translation, inverse=not translation.inverse)
+        return _TranslatedPlayer(self.inner.player(key, translation.briefing(briefing)), translation.feedback, back)
+
+
+@dataclass(slots=True)
+class _TranslatedPlayer:
+    inner: Player
+    shown: Callable[[Feedback], Feedback]
+    back: Translation
+
+    async def act(self, feedback: Feedback | None) -> Reply:
+        return self.back.reply(await self.inner.act(None if feedback is None else self.shown(feedback)))
+
+
+def presented(agent: Agent, presentation: Sequence[Change], *, speaks_original: bool) -> Agent:
+    """Wrap an agent so that it meets another presentation.
+
+    Args:
+        agent: The agent.
+        presentation: What differs; the agent is returned as it is if nothing does.
+        speaks_original: Whether the agent is a program that was written for the terms of the laboratory, such as the
+            reference protocols. It then reads them through the inverse translation, as its author would rewrite it.
+    """
+    if not presentation:
+        return agent
+    translation = Translation(tuple(presentation))
+    if speaks_original:
+        agent = TranslatedAgent(agent, replace(translation, inverse=True))
+    return TranslatedAgent(agent, translation)
+
+
+def parse_presentation(text: str) -> tuple[Change, ...]:
+    """Read the value of `--presentation`, such as `names` or `paraphrase,order`.
+
+    Raises:
+        UsageError: A part is no change.
+    """
+    parts = dict.fromkeys(part.strip() for part in text.split(",")) if text else {}
+    for part in parts:
+        if part not in set(Change):
+            raise UsageError(f"--presentation {part}: the changes are {', '.join(Change)}; commas separate several")
+    return tuple(change for change in Change if change in parts)
