@@ -1,4 +1,4 @@
-"""Sensitivity presentation: the same episode in other words, with other object names, or with its objects in another order.
+"""Other presentations: the same episode in other words, with other ids of objects, or its objects in another order.
 
 A translation stands between an agent and the laboratory. It changes what the agent is told and shown, and changes the
 agent's calls back. Records hold the laboratory's own terms, so a run is graded, replayed and compared like any other.

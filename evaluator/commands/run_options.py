@@ -7,8 +7,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from evaluator.agents.stopping import POLICIES
 from evaluator.agents.presentation import Change, parse_presentation
+from evaluator.agents.stopping import POLICIES
 from evaluator.commands.agent_options import (
     USUAL_CONCURRENCY,
     add_external_options,

@@ -10,12 +10,12 @@ from evaluator.agents.external.agent import ExternalAgent
 from evaluator.agents.external.command import parse_external
 from evaluator.agents.models.choice import Options, parse_model
 from evaluator.agents.models.lanes import Lanes, Patience
+from evaluator.agents.presentation import presented
 from evaluator.agents.recorded import load_recorded
 from evaluator.agents.reference import ReferenceAgent
 from evaluator.agents.scripted import BatchAgent, ConstantAgent, load_script
 from evaluator.agents.stopping import with_stopping
 from evaluator.agents.takers import TakerAgent
-from evaluator.agents.presentation import presented
 from evaluator.episode.loop import AgentParticipant, Participant
 from evaluator.episode.player import Agent
 from evaluator.errors import UsageError

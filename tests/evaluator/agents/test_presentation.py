@@ -9,8 +9,8 @@ from pathlib import Path
 import pytest
 from pydantic import JsonValue
 
+from evaluator.agents.presentation import PARAPHRASES, Change, TranslatedAgent, Translation, parse_presentation
 from evaluator.agents.reference import ReferenceAgent
-from evaluator.agents.presentation import PARAPHRASES, TranslatedAgent, Translation, Change, parse_presentation
 from evaluator.answers.engine import prompt_of
 from evaluator.answers.keys import KeyRing
 from evaluator.certify.subject import Subject
