@@ -198,6 +198,11 @@ def _matrix(group: "ArgumentGroup") -> None:
     group.add_argument(
         "--epochs", type=count_of("epochs"), default=1, metavar="N", help="repetitions of each episode (default 1)"
     )
+    _conditions(group)
+    group.add_argument("--scenes-dir", type=Path, metavar="DIR", help="folder of scene packs (default: the suite)")
+
+
+def _conditions(group: "ArgumentGroup") -> None:
     group.add_argument(
         "--prompting", default="zero-shot", metavar="P,…", help=f"{' · '.join(PROMPTINGS)} (default zero-shot)"
     )
@@ -227,7 +232,6 @@ def _matrix(group: "ArgumentGroup") -> None:
         help="rgb: results of step and find_objects carry a picture of what may be seen, which models are shown and the"
         " run folder keeps (default text)",
     )
-    group.add_argument("--scenes-dir", type=Path, metavar="DIR", help="folder of scene packs (default: the suite)")
 
 
 def _course(group: "ArgumentGroup") -> None:
