@@ -69,7 +69,10 @@ export class AnswerBox {
     if (options.length > 0) {
       const select = element("select", { name: "answer" }, element("option", { value: "" }, "choose …"));
       select.append(...options.map((option) => element("option", { value: option }, option)));
-      this.read = () => written(select.value);
+      this.read = () => {
+        if (select.value === "") throw new Error("answer is missing");
+        return select.value;
+      };
       return [labelled("answer", select, "")];
     }
     const field = input("answer");
