@@ -85,7 +85,7 @@ def information(constants: Constants, episode: Episode) -> Information:
     base = replayed(files, constants.mjcf(), episode, slopes=True)
     _refuse_other_record(base, episode)
     values = joined(base)
-    whiten = _whitening(base)
+    whiten = whitening(base)
     smooth, rough = (np.zeros((len(values), len(constants.names))) for _ in range(2))
     for column, name in enumerate(constants.names):
         above, below = _slopes(constants, episode, base, name, _SHIFTS[0])
@@ -123,7 +123,7 @@ def _is_rough(above: Array, below: Array, whiten: Array) -> Flags:
     return matters & (np.abs(above - below) > _ROUGH * largest)
 
 
-def _whitening(reads: Sequence[Read]) -> Array:
+def whitening(reads: Sequence[Read]) -> Array:
     """The matrix W with Wᵀ W = Σ⁻¹. It is lower triangular, so a row depends only on its reading and earlier ones."""
     size = sum(len(read.values) for read in reads)
     whiten, begin = np.zeros((size, size)), 0

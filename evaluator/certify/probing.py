@@ -4,7 +4,8 @@ Each reading has derivatives with respect to the instrument errors. They give th
 the covariance of all readings at one moment, also for quantities that a tool derives from several readings.
 """
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
@@ -80,6 +81,58 @@ class Read(NamedTuple):
     """Instrument error → change of the values per standard deviation of the error."""
 
 
+class Replay:
+    """A laboratory with chosen hidden values, whose instruments neither round nor add noise."""
+
+    def __init__(self, files: PackFiles, mjcf: str) -> None:
+        """Open the laboratory.
+
+        Args:
+            files: The pack of the scene.
+            mjcf: MuJoCo XML with chosen hidden values.
+        """
+        self._session = session_of(files, mjcf, any_calls=True)
+        public = readout_of(self._session.scene.public)
+        self._probe = Probe(public.fineness, public.seed)
+        self._session.world.read_with(self._probe)
+
+    def read(self, place: int, tool: str, arguments: Mapping[str, Any], *, slopes: bool) -> Read | None:
+        """Make a call.
+
+        Args:
+            place: Number of the call in the episode, from 0.
+            tool: Name of the tool.
+            arguments: Its arguments.
+            slopes: Whether to compute derivatives with respect to the instrument errors.
+
+        Returns:
+            The numbers that it returned; None for a call without a reading.
+
+        Raises:
+            NotMeasurable: The call is refused.
+        """
+        self._probe.asked.clear()
+        try:
+            result = call(self._session, tool, dict(arguments)).model_dump()
+        except RefusedCall as refusal:
+            raise NotMeasurable(f"{tool} was accepted in the episode and is refused in a replay: {refusal}") from None
+        again = _again(self._session, tool, dict(arguments), result)
+        if again is None:
+            return None
+        by_error = _slopes(self._probe, again) if slopes else {}
+        return Read(place, self._session.world.time, _array(result), by_error)
+
+    @contextmanager
+    def branch(self) -> Generator[None]:
+        """Undo the calls of the block at its end."""
+        world, state = self._session.world.save(), self._session.state
+        try:
+            yield
+        finally:
+            self._session.world.restore(world)
+            self._session.state = state
+
+
 def replayed(files: PackFiles, mjcf: str, episode: Episode, *, slopes: bool) -> list[Read]:
     """Replay the calls of an episode in a model.
 
@@ -92,23 +145,10 @@ def replayed(files: PackFiles, mjcf: str, episode: Episode, *, slopes: bool) -> 
     Raises:
         NotMeasurable: The replay refuses a call that the laboratory accepted.
     """
-    session = session_of(files, mjcf, any_calls=True)
-    public = readout_of(session.scene.public)
-    probe = Probe(public.fineness, public.seed)
-    session.world.read_with(probe)
-    found: list[Read] = []
-    for place, (_, exchange) in enumerate(episode.accepted_calls()):
-        tool, arguments = exchange.call.tool, dict(exchange.call.arguments)
-        probe.asked.clear()
-        try:
-            result = call(session, tool, arguments).model_dump()
-        except RefusedCall as refusal:
-            raise NotMeasurable(f"{tool} was accepted in the episode and is refused in a replay: {refusal}") from None
-        again = _again(session, tool, arguments, result)
-        if again is not None:
-            by_error = _slopes(probe, again) if slopes else {}
-            found.append(Read(place, session.world.time, _array(result), by_error))
-    return found
+    replay = Replay(files, mjcf)
+    calls = (exchange.call for _, exchange in episode.accepted_calls())
+    found = (replay.read(place, one.tool, one.arguments, slopes=slopes) for place, one in enumerate(calls))
+    return [read for read in found if read is not None]
 
 
 def _again(
