@@ -39,7 +39,7 @@ _MOST_COMBINATIONS = 12
 _MOST_CONTROLS, _MOST_WATCHED = 6, 3
 _LEVELS = (1.0, -1.0, 0.2)
 """Loads, as shares of the limit."""
-_DURATIONS_S = (0.2, 1.0)
+_DURATIONS_S = (0.2, 1.5)
 _SHIFT = 1e-3
 """Finite-difference step, as a share of a constant's range."""
 _FITS = 8
@@ -144,7 +144,7 @@ class Design:
     def answer(self) -> AnswerValue:
         """Return the answer at the present estimate."""
         found = self.constants(self.estimates[0]).key
-        return found if self.subject.spec.kind in {AnswerKind.NUMBERS, AnswerKind.OBJECTS} else found[0]
+        return found if len(found) > 1 or self.subject.spec.kind is AnswerKind.NUMBERS else found[0]
 
 
 _SILENT = frozenset({"apply_force", "apply_torque", "step"})
@@ -200,9 +200,10 @@ def _jacobian(base: list[Read], beside: Sequence[list[Read]], shifts: Sequence[f
 
 def experiments(opening: Opening, objects: Sequence[str]) -> list[list[Call]]:
     """Return the experiments that both agents choose from: waiting, and loads on the objects that the task names."""
-    watched = [name for name in opening.named() if name in objects] or list(objects)
+    revealed = [name for name in objects if name not in opening.objects]
+    watched = [*opening.named(), *revealed] or list(objects)
     reads = motion_calls(opening, watched[:_MOST_WATCHED], opening.units)
-    controls = all_controls(opening, objects)[:_MOST_CONTROLS]
+    controls = sorted(all_controls(opening, objects), key=lambda control: control.axis)[:_MOST_CONTROLS]
     loads = [(control.set(level * control.limit), control.set(0.0)) for control in controls for level in _LEVELS]
     return [
         *([*wait(duration), *reads] for duration in _DURATIONS_S),
