@@ -1,4 +1,4 @@
-"""Loads the integrations' shared client from its file, because it is installed only in their own environments."""
+"""Loads the modules that integrations share from their files, because they are installed only in other environments."""
 
 import functools
 import importlib.util
@@ -9,13 +9,22 @@ from tests.builders.paths import ROOT
 
 
 @functools.cache
-def referee_client() -> ModuleType:
-    """The module `physment_referee`."""
-    file = ROOT / "integrations" / "client" / "physment_referee.py"
-    spec = importlib.util.spec_from_file_location("physment_referee", file)
+def client_module(name: str) -> ModuleType:
+    """A module of `integrations/client`."""
+    spec = importlib.util.spec_from_file_location(name, ROOT / "integrations" / "client" / f"{name}.py")
     assert spec is not None
     assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)
     sys.modules[spec.name] = module
     spec.loader.exec_module(module)
     return module
+
+
+def referee_client() -> ModuleType:
+    """The module `physment_referee`."""
+    return client_module("physment_referee")
+
+
+def laboratory_client() -> ModuleType:
+    """The module `physment_laboratory`."""
+    return client_module("physment_laboratory")

@@ -3,8 +3,8 @@
 import contextlib
 from typing import Any
 
+from physment_laboratory import Laboratory
 from physment_openenv.models import PhysmentAction, PhysmentObservation, PhysmentState
-from physment_openenv.server.laboratory import Laboratory
 from physment_referee import ANSWER, OpenedEpisode, Referee, RefereeError
 
 from openenv.core.env_server.interfaces import Environment
@@ -78,17 +78,20 @@ class PhysmentEnvironment(Environment[PhysmentAction, PhysmentObservation, Physm
 
         Raises:
             RefereeError: No episode is open, it has ended, or the referee refused.
+            LaboratoryError: The host failed, which says nothing about the agent.
         """
         del timeout_s
         if self._laboratory is None or self._opened is None:
             raise RefereeError(
                 "the episode has ended: reset opens another" if self._state.done else "no episode is open: reset first"
             )
-        text, result, is_error = self._laboratory.call(action.tool, action.arguments)
+        called = self._laboratory.call(action.tool, action.arguments)
         self._state.step_count += 1
         left = self._state.budget - self._state.step_count
-        observation = PhysmentObservation(text=text, result=result, is_error=is_error, iterations_left=left)
-        if left == 0 or (action.tool == ANSWER and not is_error):
+        observation = PhysmentObservation(
+            text=called.text, result=called.content, is_error=called.is_error, iterations_left=left
+        )
+        if left == 0 or (action.tool == ANSWER and not called.is_error):
             self._end(observation)
         return observation
 
