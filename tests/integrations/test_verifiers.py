@@ -11,7 +11,7 @@ from starlette.responses import Response
 from starlette.routing import Route
 
 from evaluator.records.episode import Verdict
-from tests.harness.clients.scripted_model import serving, streamed
+from tests.harness.clients.scripted_model import completed, serving
 from tests.integrations.playing import Stand, check_same, grade_of, json_lines, place_of, rehearsed, standing
 
 
@@ -68,21 +68,27 @@ def test_iterations_are_turns_and_end_the_episode(stand: Stand) -> None:
 
 
 async def talk_then_answer(request: Request) -> Response:
-    """A model that first writes only prose, and then answers wrongly."""
-    messages = (await request.json())["messages"]
-    if any(message["role"] == "assistant" for message in messages):
-        function = {"name": "answer", "arguments": json.dumps({"answer": -1.0})}
-        call = {"id": "call_1", "type": "function", "function": function}
-        return streamed({"role": "assistant", "content": None, "tool_calls": [call]}, "tool_calls")
-    return streamed({"role": "assistant", "content": "I think it falls."}, "stop")
+    """A model that first writes only prose, then makes two calls without usable arguments, and then answers wrongly."""
+    body = await request.json()
+    said = [message["role"] for message in body["messages"]].count("assistant")
+    if said == 0:
+        return completed(body, {"role": "assistant", "content": "I think it falls."})
+    arguments = ["{", "[1]"] if said == 1 else [json.dumps({"answer": -1.0})]
+    calls = [
+        {"id": f"call_{number}", "type": "function", "function": {"name": "answer", "arguments": text}}
+        for number, text in enumerate(arguments)
+    ]
+    return completed(body, {"role": "assistant", "content": None, "tool_calls": calls})
 
 
 def test_a_reply_without_a_call_costs_its_iteration_and_does_not_end_the_episode(stand: Stand) -> None:
     with serving(Starlette(routes=[Route("/v1/chat/completions", talk_then_answer, methods=["POST"])])) as model:
         (trace,) = evaluated(stand, "talk", "--env.taskset.scenes", "7", "--env.taskset.seeds", "6", model=model)
     said = [node["message"] for node in trace["nodes"]]
-    assert [message["role"] for message in said] == ["user", "assistant", "user", "assistant"]
+    roles = ["user", "assistant", "user", "assistant", "tool", "tool", "assistant"]
+    assert [message["role"] for message in said] == roles
     assert said[2]["content"] == "Your reply held no tool call.\n\nIterations left: 19."
+    assert ["JSON object" in message["content"] for message in said[4:6]] == [True, True]
     assert (trace["stop_condition"], trace["rewards"]["laboratory"]["score"]) == ("answered", 0.0)
 
 

@@ -1,4 +1,4 @@
-"""Episodes of the laboratory as tasks, which a referee opens and grades, and which are played over MCP."""
+"""Episodes of the laboratory as tasks, which a referee opens and grades."""
 
 import asyncio
 import os
@@ -7,19 +7,18 @@ from pathlib import Path
 from typing import Any, Literal
 
 import verifiers.v1 as vf
+from physment_harness import LaboratoryState, PhysmentHarness, PhysmentHarnessConfig
 from physment_referee import (
     TOKEN_VARIABLE,
     URL,
     URL_VARIABLE,
     OpenedEpisode,
     Referee,
+    RefereeError,
     name_of,
     read_variants,
 )
 from pydantic import Field
-from verifiers.v1.harnesses.null.harness import NullHarnessConfig
-
-from physment.toolset import LaboratoryState, LaboratoryToolset
 
 
 class PhysmentData(vf.TaskData):
@@ -61,14 +60,13 @@ class PhysmentTask(vf.Task[PhysmentData, LaboratoryState, PhysmentTaskConfig]):
     async def setup(self, trace: vf.Trace) -> None:
         """Open the episode."""
         config = self.config
-        opened = await asyncio.to_thread(
-            self._referee().open, **self.data.variant, budget=config.budget, prompting=config.prompting
-        )
+        opened = await self._opened(**self.data.variant, budget=config.budget, prompting=config.prompting)
         self._checked = opened
         state = trace.state
         state.episode_id, state.owner_token = opened.episode_id, opened.owner_token
         state.mcp_url, state.player_token = opened.mcp_url, opened.player_token
         state.prompt = opened.prompt
+        state.tools = [_described(tool) for tool in opened.tools]
         trace.info["physment"] = {"scene": opened.scene, "split": opened.split, "index": opened.index}
 
     @vf.stop
@@ -106,8 +104,24 @@ class PhysmentTask(vf.Task[PhysmentData, LaboratoryState, PhysmentTaskConfig]):
         found = await asyncio.to_thread(self._referee().check, **self.data.variant)
         return found.strict == "correct"
 
+    async def _opened(self, **wanted: Any) -> OpenedEpisode:
+        """Open an episode, and wait while all places of the referee are in use."""
+        while True:
+            try:
+                return await asyncio.to_thread(self._referee().open, **wanted)
+            except RefereeError as error:
+                if error.retry_after_s is None:
+                    raise
+                await asyncio.sleep(error.retry_after_s)
+
     def _referee(self) -> Referee:
         return Referee(self.config.referee, os.environ.get(TOKEN_VARIABLE) or None)
+
+
+def _described(tool: dict[str, Any]) -> dict[str, Any]:
+    """A tool as chat completions describe it."""
+    function = {"name": tool["name"], "description": tool["description"], "parameters": tool["input_schema"]}
+    return {"type": "function", "function": function}
 
 
 class PhysmentConfig(vf.TasksetConfig):
@@ -126,17 +140,11 @@ class PhysmentConfig(vf.TasksetConfig):
     pairs: Path | None = None
     """A file with a line such as {"scene": 7, "seed": 3} or {"split": "train", "index": 0} for each episode, instead of
     all these."""
-    tools: vf.SharedToolsetConfig = vf.SharedToolsetConfig()
     task: PhysmentTaskConfig = PhysmentTaskConfig()
 
 
 class PhysmentTaskset(vf.Taskset[PhysmentTask, PhysmentConfig]):
     """Variants: pairs of a scene and a seed, or indices in a split."""
-
-    @classmethod
-    def toolsets(cls, config: PhysmentConfig) -> list[vf.Toolset]:
-        """One server for all rollouts of a worker."""
-        return [LaboratoryToolset(config.tools)]
 
     def load(self) -> Iterator[PhysmentTask]:
         """Return the tasks. The laboratory writes their prompts when they are set up."""
@@ -156,15 +164,21 @@ class PhysmentTaskset(vf.Taskset[PhysmentTask, PhysmentConfig]):
 class PhysmentEnvConfig(vf.EnvConfig):
     """The environment's single agent."""
 
-    agent: vf.AgentConfig = vf.AgentConfig(harness=NullHarnessConfig(id="null"), runtime=vf.SubprocessConfig())
-    """A chat program with no tools of its own, in a process of this machine."""
+    agent: vf.AgentConfig = vf.AgentConfig(harness=PhysmentHarnessConfig(), runtime=vf.SubprocessConfig())
+    """The chat loop of this package, which alone offers the tools of the laboratory."""
 
 
 class PhysmentEnv(vf.Env[PhysmentEnvConfig]):
     """Plays an episode as `physment-eval` does: a reply without a call uses an iteration and does not end it."""
 
     async def run(self, task: vf.Task, agents: vf.Agents) -> None:
-        """Play one episode."""
+        """Play one episode.
+
+        Raises:
+            ValueError: Another harness was chosen.
+        """
+        if not isinstance(agents.agent.harness, PhysmentHarness):
+            raise ValueError("only the harness `physment-harness` offers the tools of the laboratory: name no other")  # noqa: TRY004 - a wrong option
         async with agents.agent.interaction(task) as interaction:
             trace = interaction.trace
             segment = await interaction.turn(trace.state.prompt)

@@ -175,12 +175,17 @@ async def _openai(request: Request) -> Response:
     if call:
         function = {"name": call.tool, "arguments": json.dumps(call.arguments)}
         message["tool_calls"] = [{"id": f"call_{len(conversation.returns)}", "type": "function", "function": function}]
-    finish = "tool_calls" if call else "stop"
+    return completed(body, message)
+
+
+def completed(body: Mapping[str, Any], message: Mapping[str, Any]) -> Response:
+    """The reply to a request of chat completions, as a stream if it asks for one."""
+    finish = "tool_calls" if message.get("tool_calls") else "stop"
     if body.get("stream"):
-        return streamed(message, finish)
+        return _streamed(message, finish)
     return JSONResponse(
         {
-            "id": f"chatcmpl-{len(conversation.returns)}",
+            "id": "chatcmpl-s",
             "object": "chat.completion",
             "created": int(time.time()),
             "model": body.get("model", ""),
@@ -190,7 +195,7 @@ async def _openai(request: Request) -> Response:
     )
 
 
-def streamed(message: Mapping[str, Any], finish: str) -> Response:
+def _streamed(message: Mapping[str, Any], finish: str) -> Response:
     """Format a chat completion as server-sent events: the whole message, the finish reason, the usage."""
     calls = [{"index": number, **call} for number, call in enumerate(message.get("tool_calls", ()))]
     delta = {**message, "tool_calls": calls} if calls else message
