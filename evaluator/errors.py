@@ -6,6 +6,7 @@ EvaluatorError
 ├─ AgentError             the agent cannot continue                      → recorded as the episode's outcome
 ├─ RefusedRequest         the referee refuses a request                  → an HTTP response with its status
 └─ InfrastructureError    server or connection failed                    → the episode is retried, never scored wrong
+   ├─ ServerFull          … and has no place for another episode          → a referee answers 429
    └─ PermanentFailure    … and a retry cannot help                      → the agent's other episodes are not played
 """
 
@@ -70,6 +71,10 @@ class RefusedRequest(EvaluatorError):
 
 class InfrastructureError(EvaluatorError):
     """The server or the connection to it failed; one sentence."""
+
+
+class ServerFull(InfrastructureError):
+    """The server has no place for another episode now."""
 
 
 class PermanentFailure(InfrastructureError):

@@ -55,7 +55,8 @@ class KeyRing:
         self._given = errata
         self.folder = scenes_dir
         """Folder of the packs; None for the packs that ship with the suite."""
-        self._seed_of = seed_of
+        self.seed_of = seed_of
+        """Recorded seed → the seed from which its variant is sampled."""
         self.key = functools.lru_cache(_KEPT)(self._key)
         self.facts = functools.cache(self._facts)
 
@@ -99,7 +100,7 @@ class KeyRing:
             UsageError: The pack is malformed, or provides no key for this seed.
         """
         files, pack = self._open(scene)
-        seed = self._seed_of(scene, seed)
+        seed = self.seed_of(scene, seed)
         stored = listed_numbers(pack.answer) if pack.answer_spec is None else pack.answer
         spec = pack.answer_spec or infer_spec(stored, pack.metadata.problem_type)
         names = {f"object_{listed.object_id}": listed.name for listed in pack.objects.values()}

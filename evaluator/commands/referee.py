@@ -17,6 +17,7 @@ import uvicorn
 
 from evaluator.answers.keys import KeyRing
 from evaluator.answers.rewards import RewardRule, Worth
+from evaluator.calibration.results import Calibration
 from evaluator.certify.seed_proofs import SeedProver
 from evaluator.commands.base import (
     Commands,
@@ -30,11 +31,12 @@ from evaluator.commands.base import (
     unproved,
 )
 from evaluator.episode.connect import HostConnector, connect
-from evaluator.errors import InfrastructureError, UsageError
+from evaluator.errors import InfrastructureError, UsageError, reason_of
 from evaluator.records.run import Plan
 from evaluator.records.seed_key import SeedKey, seed_as_recorded
 from evaluator.referee.episodes import Referee
 from evaluator.referee.requests import app
+from evaluator.referee.variants import Difficulty
 from evaluator.store.redaction import Redaction
 from evaluator.store.run_folder import RunFolder
 from evaluator.study.integrity import Sealing, read_seed_key
@@ -59,11 +61,14 @@ Open episodes for a trainer, and say after the end of each what it was worth. Th
   POST   /episodes {"scene": 7, "seed": 3}           opens one: mcp_url, player_token, prompt, tools, owner_token
   POST   /episodes {"split": "train", "index": 12}   the same, by place in a split; or {"split": …, "random_seed": 5}
   POST   /episodes {"world": {"level": 5}}           a world that was made before, of a level or with so many "terms"
+  POST   /episodes {"split": …, "index": 12, "count": 8}   eight episodes of one variant, for one prompt
   POST   /episodes/ID/reward                         its reward, once, with the owner_token as bearer token
   POST   /episodes/ID/reward {"end": "budget_exhausted"}   the same, for an episode that ends without an answer
   DELETE /episodes/ID                                closes it without a reward
   POST   /checks {"scene": 7, "seed": 3}             the reward of the scene's reference protocol
+  GET    /variants?split=train                       rung, category, chance, reference and difficulty of each scene
   GET    /healthz                                    how many episodes are open
+  GET    /metrics                                    the same and more, for Prometheus
 
 Only the mcp_url and the player_token are for the agent. docs/how-to/train.md shows the way to a training run.
 """
@@ -115,6 +120,12 @@ def add(commands: Commands) -> None:
         help="close an episode whose reward was not asked for within S s (3600)",
     )
     command.add_argument(
+        "--calibration",
+        type=Path,
+        metavar="FILE",
+        help="calibration.json of `physment-eval calibrate`, for the difficulties that GET /variants tells",
+    )
+    command.add_argument(
         "--seed-key",
         type=Path,
         metavar="FILE",
@@ -137,6 +148,21 @@ def _referee(args: argparse.Namespace) -> int:
     with listening(args.host, args.port) as listener:
         run_async(functools.partial(_serve, args, packs, seed_key, token, listener))
     return 0
+
+
+def _difficulties(file: Path | None) -> dict[int, Difficulty]:
+    """Read the difficulties of scenes from a calibration; none without a file.
+
+    Raises:
+        UsageError: The file is not a calibration.
+    """
+    if file is None:
+        return {}
+    try:
+        found = Calibration.model_validate_json(file.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise UsageError(f"--calibration {file}: {reason_of(error)}") from error
+    return {standing.scene: Difficulty(standing.logits, standing.se) for standing in found.scenes}
 
 
 def _token(args: argparse.Namespace) -> str | None:
@@ -226,6 +252,7 @@ async def _refereeing(
         prover=SeedProver(packs, args.scenes_dir, host.seed_of, plan.held_back, skip=args.unproved),
         max_episodes=args.max_episodes,
         max_wall_s=args.max_wall_time,
+        difficulties=_difficulties(args.calibration),
     )
     if args.out is None:
         yield referee

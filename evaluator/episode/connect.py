@@ -31,7 +31,7 @@ from evaluator.episode.host_process import start_host
 from evaluator.episode.host_sockets import HostSockets
 from evaluator.episode.passed_sockets import AVAILABLE, ControlSocket
 from evaluator.episode.toolbox import Toolboxes
-from evaluator.errors import EvaluatorError, InfrastructureError, PermanentFailure, UsageError
+from evaluator.errors import EvaluatorError, InfrastructureError, PermanentFailure, ServerFull, UsageError
 from evaluator.records.seed_key import SeedOf, seed_as_recorded
 
 _CALL_TIMEOUT_S = 300.0
@@ -149,6 +149,7 @@ class HostConnector:
             The server's reply, with at least the id and the MCP address of the episode.
 
         Raises:
+            ServerFull: The server has no place for another episode.
             InfrastructureError: The server cannot be reached, or did not open an episode.
         """
         drawn = self.seed_of(wanted["scene"], wanted["seed"])
@@ -167,7 +168,8 @@ class HostConnector:
         if isinstance(body, dict):
             if not reply.is_success and "error" in body:
                 hint = f" ({TOKEN_VARIABLE} is where we look for it)" if reply.status_code == 401 else ""
-                failure = InfrastructureError(f"the host {self.base_url} opened no episode: {body['error']}{hint}")
+                kind = ServerFull if reply.status_code == 429 else InfrastructureError
+                failure = kind(f"the host {self.base_url} opened no episode: {body['error']}{hint}")
                 raise without_seed(failure, drawn, wanted["seed"])
             if reply.is_success and {"episode_id", "mcp_url"} <= body.keys():
                 return cast(dict[str, str], body)

@@ -24,6 +24,8 @@ MOST_CALLS = 10_000
 
 LARGEST = 2**64 - 1
 """Largest magnitude of an integer in a request, so that 64-bit random seeds are accepted."""
+MOST_IN_GROUP = 64
+"""Largest number of episodes that one request opens."""
 MOST_ITERATIONS = 1_000_000
 """Largest number of iterations that a trainer can report, which keeps the deducted cost a finite float."""
 
@@ -62,6 +64,26 @@ class WantedEpisode(BaseModel):
     max_calls: int = Field(default=MOST_CALLS, ge=1, le=MOST_CALLS)
     """Number of tool calls after which the server ends the episode."""
     prompting: Literal["zero-shot", "one-shot-cot", "few-shot-cot"] = "zero-shot"
+
+
+class WantedGroup(WantedEpisode):
+    """Body of `POST /episodes` for one episode, or for several of the same variant: the rollouts of one prompt."""
+
+    count: int | None = Field(default=None, ge=1, le=MOST_IN_GROUP)
+    """Number of episodes, all of which are opened or none; None for a single episode."""
+
+
+class WantedVariants(WantedWorld):
+    """Query of `GET /variants`: a split, or worlds by level or by their parts, and which page of them."""
+
+    # The values of a query are text.
+    model_config = ConfigDict(extra="forbid", strict=False)
+
+    split: str | None = Field(default=None, max_length=100)
+    offset: int = Field(default=0, ge=0, le=LARGEST)
+    """Number of scenes to leave out at the start."""
+    limit: int = Field(default=100, ge=1, le=1000)
+    """Largest number of scenes in the reply."""
 
 
 class EndedEpisode(BaseModel):
@@ -172,9 +194,38 @@ def _world(wanted: WantedEpisode, world: WantedWorld, held_back: bool, folder: P
     """Return the world that a request selects, with the seed of its noise."""
     if wanted.scene is not None or wanted.seed is not None or None not in {wanted.index, wanted.random_seed}:
         raise RefusedRequest(400, f"of a world, name one of index and random_seed, or neither: send {_WORLD_EXAMPLES}")
+    pool = _worlds(world, wanted.split, folder, held_back=held_back)
+    if wanted.index is None and wanted.random_seed is None:
+        wanted = wanted.model_copy(update={"random_seed": secrets.randbits(64)})
+    place = _placed(pool, _index(pool, wanted), None)
+    return place if wanted.split else replace(place, split="")
+
+
+def pool_of(wanted: WantedVariants, *, held_back: bool, folder: Path | None = None) -> Split:
+    """Return the scenes and seeds among which a request of `GET /variants` selects.
+
+    Args:
+        wanted: The request.
+        held_back: As for `variant_of`.
+        folder: As for `variant_of`.
+
+    Raises:
+        RefusedRequest: There is no such split, or no such world.
+    """
+    asked = wanted.model_dump(include=set(WantedWorld.model_fields))
+    world = WantedWorld.model_validate(asked)
+    if world != WantedWorld():
+        return _worlds(world, wanted.split, folder or default_folder(), held_back=held_back)
+    if wanted.split is None:
+        raise RefusedRequest(400, "name a split or a level of worlds: GET /variants?split=train or ?level=5")
+    return _split(wanted.split, held_back=held_back)
+
+
+def _worlds(world: WantedWorld, split: str | None, folder: Path, *, held_back: bool) -> Split:
+    """Return the worlds of a folder that a request names, as a split with the seeds of their noise."""
     if held_back:
         raise RefusedRequest(409, "this referee was started with --seed-key, and that opens no worlds: start another")
-    named = None if wanted.split is None else _split_of_worlds(wanted.split)
+    named = None if split is None else _split_of_worlds(split)
     try:
         levels = levels_of(folder) if world.level is None else [world.level]
         found = [record for level in levels for record in worlds_of(folder, level)]
@@ -183,17 +234,12 @@ def _world(wanted: WantedEpisode, world: WantedWorld, held_back: bool, folder: P
     found = [record for record in found if _fits(record, world) and (named is None or record.split == named.name)]
     if not found:
         asked = ", ".join(f"{name} {value}" for name, value in world.model_dump(exclude_none=True).items())
-        where = f" in the split {wanted.split}" if named else ""
+        where = f" in the split {split}" if named else ""
         raise RefusedRequest(
             404, f"no world here has {asked or 'a law'}{where}; `physment-eval worlds make` makes some"
         )
     pool = Split("worlds", tuple(record.scene_id for record in found), range(SEED_SHIFT), found[0].grammar)
-    if named:
-        pool = replace(pool, name=named.name, seeds=named.seeds, version=named.version)
-    if wanted.index is None and wanted.random_seed is None:
-        wanted = wanted.model_copy(update={"random_seed": secrets.randbits(64)})
-    place = _placed(pool, _index(pool, wanted), None)
-    return place if named else replace(place, split="")
+    return replace(pool, name=named.name, seeds=named.seeds, version=named.version) if named else pool
 
 
 def _split_of_worlds(name: str) -> Split:

@@ -8,7 +8,7 @@ import functools
 import secrets
 import time
 from collections import Counter, OrderedDict
-from collections.abc import AsyncGenerator
+from collections.abc import AsyncGenerator, Mapping
 from contextlib import AsyncExitStack
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
@@ -22,18 +22,18 @@ from evaluator.agents.reference import ReferenceAgent
 from evaluator.answers.keys import KeyRing
 from evaluator.answers.rewards import AnswerReward, RewardRule, answer_reward
 from evaluator.certify.seed_proofs import SeedProver
-from evaluator.episode.broken_connection import without_seed
 from evaluator.episode.connect import HostConnector
 from evaluator.episode.loop import play_episode
-from evaluator.errors import InfrastructureError, RefusedRequest, UsageError
+from evaluator.episode.player import Briefing
+from evaluator.errors import InfrastructureError, RefusedRequest, ServerFull
 from evaluator.records.episode import Episode, EpisodeKey, Grade, Outcome
 from evaluator.records.run import RunRecord
-from evaluator.referee.contract import EndedEpisode, OpenedEpisode, Reward, Variant, WantedEpisode, variant_of
+from evaluator.referee.contract import EndedEpisode, OpenedEpisode, Reward, Variant, WantedEpisode, WantedVariants
+from evaluator.referee.metrics import Metrics
 from evaluator.referee.proofs import proved_variant
+from evaluator.referee.variants import Difficulty, VariantPage, Variants
 from evaluator.scores.scoring import grade_record
 from evaluator.store.run_folder import RunFolder
-from evaluator.study.provenance import played_worlds
-from scenes import ErratumEffect, find_pack, is_world, pack_hash, reference_of
 
 T = TypeVar("T")
 
@@ -77,6 +77,10 @@ class Referee:
     max_episodes: int = 1000
     max_wall_s: float = 3600.0
     """Wall time after which an ungraded episode is closed [s]."""
+    difficulties: Mapping[int, Difficulty] = field(default_factory=dict[int, Difficulty])
+    """Scene → its difficulty by a calibration."""
+    variants: Variants = field(init=False)
+    metrics: Metrics = field(default_factory=Metrics)
     _open: dict[str, _Watched] = field(default_factory=dict[str, _Watched])
     _opening: int = 0
     _graded: OrderedDict[str, str] = field(default_factory=OrderedDict[str, str])
@@ -88,22 +92,58 @@ class Referee:
     _grading: anyio.CapacityLimiter = field(default_factory=lambda: anyio.CapacityLimiter(1))
     """Limits grading to one thread, because a key may need the engine and records are appended to a file."""
 
+    def __post_init__(self) -> None:
+        """Create the variants of the keys."""
+        self.variants = Variants(self.keys, self.record, self.difficulties)
+
+    async def listed(self, wanted: WantedVariants) -> VariantPage:
+        """Return facts about the scenes of a split, or about its worlds.
+
+        Raises:
+            RefusedRequest: There is no such split, or no such world.
+        """
+        return await self._in_thread(functools.partial(self.variants.listed, wanted))
+
     @property
     def open_episodes(self) -> int:
         """Number of episodes that are open or being opened."""
         return len(self._open) + self._opening
 
-    async def open(self, wanted: WantedEpisode) -> OpenedEpisode:
-        """Open an episode on the server.
+    async def open(self, wanted: WantedEpisode, count: int = 1) -> list[OpenedEpisode]:
+        """Open episodes of one variant on the server; all or none.
+
+        Args:
+            wanted: The variant.
+            count: Number of episodes.
 
         Raises:
             RefusedRequest: There is no such variant, it has no key, or too many episodes are open.
             InfrastructureError: The server failed.
         """
-        async with self._place():
+        async with self._places(count), AsyncExitStack() as closing:
             (agent,) = self.record.plan.agents
-            variant = await self._variant(wanted)
-            return await self._open_one(variant, await self._key(variant, wanted, agent), wanted.max_calls)
+            variant, key = await self._selected(wanted, agent)
+            episodes: list[_Watched] = []
+            briefing: Briefing | None = None
+            for _ in range(count):
+                episode, briefing = await self._open_one(variant, key, wanted.max_calls, briefing)
+                closing.push_async_callback(episode.closing.aclose)
+                episodes.append(episode)
+            closing.pop_all()
+            assert briefing is not None
+            self.metrics.opened += count
+            return [self._register(variant, episode, briefing) for episode in episodes]
+
+    async def _selected(self, wanted: WantedEpisode, agent: str) -> tuple[Variant, EpisodeKey]:
+        """Return the variant to open, with the key under which its episode is recorded.
+
+        Raises:
+            RefusedRequest: There is no such variant, it cannot be proved, or it has no answer key.
+        """
+        variant = await self._in_thread(functools.partial(self.variants.select, wanted))
+        if self.prover is not None:
+            variant = await proved_variant(self.prover, wanted, variant)
+        return variant, await self._in_thread(functools.partial(self.variants.key, variant, wanted, agent))
 
     async def check(self, wanted: WantedEpisode) -> Reward:
         """Play one episode with the reference protocol of a scene, without recording it.
@@ -112,9 +152,9 @@ class Referee:
             RefusedRequest: As for `open`.
             InfrastructureError: The server failed.
         """
-        async with self._place():
+        async with self._places(1):
             agent = ReferenceAgent(self.keys.folder)
-            key = await self._key(await self._variant(wanted), wanted, agent.name)
+            _, key = await self._selected(wanted, agent.name)
             versions = self.record.versions_of(key.scene)
             async with self.host.open(key.scene, key.seed) as client:
                 played = await play_episode(agent, client, key, versions, self.host.toolboxes)
@@ -122,74 +162,61 @@ class Referee:
             return await self._reward(played, len(played.turns), calls)
 
     @contextlib.asynccontextmanager
-    async def _place(self) -> AsyncGenerator[None]:
-        """Reserve one of the `max_episodes` places while an episode is being opened.
+    async def _places(self, count: int) -> AsyncGenerator[None]:
+        """Reserve some of the `max_episodes` places while episodes are being opened.
 
         Raises:
-            RefusedRequest: All places are in use.
+            RefusedRequest: Too few places are free here or on the server.
         """
-        if self.open_episodes >= self.max_episodes:
+        if self.open_episodes + count > self.max_episodes:
             raise RefusedRequest(
-                429, f"{self.max_episodes} episodes are open, which is the limit: ask for rewards, or close some"
+                429,
+                f"{self.open_episodes} episodes are open, and {self.max_episodes} is the limit: ask for rewards, or"
+                " close some",
             )
-        self._opening += 1
+        self._opening += count
         try:
             yield
+        except ServerFull as error:
+            raise RefusedRequest(429, str(error)) from error
         finally:
-            self._opening -= 1
+            self._opening -= count
 
-    async def _variant(self, wanted: WantedEpisode) -> Variant:
-        """Return the variant to open.
+    async def _open_one(
+        self, variant: Variant, key: EpisodeKey, max_calls: int, briefing: Briefing | None
+    ) -> tuple[_Watched, Briefing]:
+        """Open an episode on the server.
 
-        Raises:
-            RefusedRequest: There is no such variant, or it cannot be proved.
+        Args:
+            variant: Its variant.
+            key: Its key.
+            max_calls: Largest number of calls.
+            briefing: The briefing of another episode of the variant; None to request it.
         """
-        folder, held_back = self.keys.folder, bool(self.record.plan.held_back)
-        variant = await self._in_thread(functools.partial(variant_of, wanted, held_back=held_back, folder=folder))
-        return variant if self.prover is None else await proved_variant(self.prover, wanted, variant)
-
-    async def _key(self, variant: Variant, wanted: WantedEpisode, agent: str) -> EpisodeKey:
-        """Build the episode key. A variant that has no answer key, or is withdrawn, is refused before it is played."""
-        scene, seed = variant.scene, variant.seed
-        try:
-            await self._in_thread(functools.partial(self.keys.key, scene, seed))
-            if is_world(scene):
-                await self._in_thread(functools.partial(self._record_world, scene))
-            erratum = self.keys.erratum(self.record.packs[str(scene)])
-        except UsageError as error:
-            raise RefusedRequest(404, str(without_seed(error, self.host.seed_of(scene, seed), seed))) from error
-        if erratum is not None and erratum.effect is ErratumEffect.WITHDRAWN:
-            raise RefusedRequest(404, f"scene {reference_of(scene)} is withdrawn: {erratum.fault}")
-        return EpisodeKey(scene=scene, seed=seed, agent=agent, budget=wanted.budget, prompting=wanted.prompting)
-
-    def _record_world(self, scene: int) -> None:
-        """Add a world to the run record, which cannot list all worlds at its start."""
-        if str(scene) not in self.record.packs:
-            files = find_pack(scene, self.keys.folder)
-            self.record.worlds.update(played_worlds([files], self.keys.folder))
-            self.record.packs[str(scene)] = pack_hash(files)
-
-    async def _open_one(self, variant: Variant, key: EpisodeKey, max_calls: int) -> OpenedEpisode:
         started_at = datetime.now(UTC).isoformat(timespec="milliseconds")
         async with AsyncExitStack() as stack:
             watched = await stack.enter_async_context(
                 watch_episode(self.host, key.scene, key.seed, max_calls, guarded=True)
             )
-            briefing = await watched.briefing(key, self.host.toolboxes)
+            briefing = briefing or await watched.briefing(key, self.host.toolboxes)
             closing = stack.pop_all()
-        episode_id, owner_token = secrets.token_urlsafe(18), secrets.token_urlsafe(24)
-        self._open[episode_id] = _Watched(
+        episode = _Watched(
             key=key,
             split=variant.split,
             max_calls=max_calls,
-            owner_token=owner_token,
+            owner_token=secrets.token_urlsafe(24),
             prompt=briefing.prompt,
             watched=watched,
             closing=closing,
             opened_at=time.monotonic(),
             started_at=started_at,
         )
-        return OpenedEpisode(variant, episode_id, owner_token, watched.mcp_url, watched.token, briefing)
+        return episode, briefing
+
+    def _register(self, variant: Variant, episode: _Watched, briefing: Briefing) -> OpenedEpisode:
+        episode_id, watched = secrets.token_urlsafe(18), episode.watched
+        self._open[episode_id] = episode
+        return OpenedEpisode(variant, episode_id, episode.owner_token, watched.mcp_url, watched.token, briefing)
 
     async def reward(self, episode_id: str, token: str, ended: EndedEpisode) -> Reward:
         """Grade an ended episode. The reward is given once.
@@ -219,6 +246,8 @@ class Referee:
         while len(self._graded) > _REMEMBERED:
             self._graded.popitem(last=False)
         await self._close(episode_id)
+        self.metrics.rewards[found.outcome] += 1
+        self.metrics.reward_sum += found.reward
         return found
 
     async def _grade(self, episode: _Watched, ended: EndedEpisode) -> Reward:
@@ -284,6 +313,7 @@ class Referee:
             RefusedRequest: The id is unknown, or the token does not match.
         """
         self._owned(episode_id, token)
+        self.metrics.closed += 1
         await self._close(episode_id)
 
     def _owned(self, episode_id: str, token: str) -> _Watched:
@@ -307,6 +337,7 @@ class Referee:
         oldest = time.monotonic() - self.max_wall_s
         for episode_id, episode in list(self._open.items()):
             if episode.opened_at < oldest and not episode.asked:
+                self.metrics.expired += 1
                 await self._close(episode_id)
 
     async def close_all(self) -> None:

@@ -1,13 +1,15 @@
 """The HTTP application of a referee.
 
 `POST /episodes {"scene": 7, "seed": 3}` opens an episode, `POST /episodes/ID/reward` grades it, `DELETE /episodes/ID`
-closes it, and `POST /checks {"scene": 7, "seed": 3}` plays the reference protocol. Every refusal is a JSON object with
-one sentence. This module knows HTTP but no answer keys.
+closes it, `POST /checks {"scene": 7, "seed": 3}` plays the reference protocol, `GET /variants?split=train` lists what a
+split offers, and `GET /metrics` is for Prometheus. Every refusal is a JSON object with one sentence. This module knows
+HTTP but no answer keys.
 """
 
 import contextlib
 import secrets
 from collections.abc import AsyncGenerator, Awaitable, Callable
+from dataclasses import asdict
 from typing import Any, TypeVar
 
 import anyio
@@ -23,8 +25,9 @@ from starlette.types import ASGIApp, Receive, Scope, Send
 from evaluator.episode.player import Briefing
 from evaluator.errors import InfrastructureError, RefusedRequest, StoreError, UsageError
 from evaluator.loopback import is_for_this_machine
-from evaluator.referee.contract import EndedEpisode, Reward, WantedEpisode
+from evaluator.referee.contract import EndedEpisode, Reward, WantedEpisode, WantedGroup, WantedVariants
 from evaluator.referee.episodes import Referee
+from evaluator.referee.metrics import CONTENT_TYPE
 from scenes import is_world, reference_of
 
 M = TypeVar("M", bound=BaseModel)
@@ -35,6 +38,8 @@ _BODY_S = 15.0
 """Longest time for receiving a request body [s]."""
 _MOST_QUOTED = 64
 """Largest number of characters that a refusal quotes from a request."""
+RETRY_S = 5
+"""Wall time after which a trainer may ask again if all places are in use [s]."""
 _SWEEP_S = 5.0
 """Longest wall time between two searches for expired episodes [s]."""
 
@@ -50,6 +55,8 @@ def app(referee: Referee, token: str | None = None) -> Starlette:
     return Starlette(
         routes=[
             Route("/healthz", answers.health),
+            Route("/metrics", answers.answered(answers.metrics)),
+            Route("/variants", answers.answered(answers.variants)),
             Route("/episodes", answers.answered(answers.open), methods=["POST"]),
             Route("/episodes/{episode_id}", answers.answered(answers.close), methods=["DELETE"]),
             Route("/episodes/{episode_id}/reward", answers.answered(answers.reward), methods=["POST"]),
@@ -102,23 +109,26 @@ class _Answers:
             await anyio.sleep(min(_SWEEP_S, self._referee.max_wall_s / 2))
             await self._referee.sweep()
 
-    @staticmethod
-    def answered(answer: Callable[[Request], Awaitable[Response]]) -> Callable[[Request], Awaitable[Response]]:
+    def answered(self, answer: Callable[[Request], Awaitable[Response]]) -> Callable[[Request], Awaitable[Response]]:
         """Wrap a request handler so that each of our exceptions becomes a response with one sentence."""
 
         async def endpoint(request: Request) -> Response:
             try:
                 return await answer(request)
             except RefusedRequest as refusal:
-                return _refusal(refusal.status, str(refusal))
+                return self._refused(refusal.status, str(refusal))
             except UsageError as error:
-                return _refusal(404, str(error))
+                return self._refused(404, str(error))
             except InfrastructureError as error:
-                return _refusal(502, f"{error}; this says nothing about the agent: open another episode")
+                return self._refused(502, f"{error}; this says nothing about the agent: open another episode")
             except StoreError as error:
-                return _refusal(507, f"{error}; ask again when it can be")
+                return self._refused(507, f"{error}; ask again when it can be")
 
         return endpoint
+
+    def _refused(self, status: int, sentence: str) -> Response:
+        self._referee.metrics.refused[status] += 1
+        return _refusal(status, sentence)
 
     async def health(self, _request: Request) -> Response:
         """Return the number of open episodes."""
@@ -127,21 +137,34 @@ class _Answers:
     async def open(self, request: Request) -> Response:
         """Open an episode."""
         self._check_token(request)
-        wanted = await _body(request, WantedEpisode, '{"scene": 7, "seed": 3}')
-        opened = await self._referee.open(wanted)
+        wanted = await _body(request, WantedGroup, '{"scene": 7, "seed": 3}')
+        opened = await self._referee.open(wanted, wanted.count or 1)
+        first = opened[0].variant
         found: dict[str, Any] = {
-            "episode_id": opened.episode_id,
-            "owner_token": opened.owner_token,
-            "mcp_url": opened.mcp_url,
-            "player_token": opened.player_token,
-            "scene": opened.variant.scene,
-            "split": opened.variant.split or None,
-            "index": opened.variant.index,
-            **_briefing(opened.briefing),
+            "scene": first.scene,
+            "world": reference_of(first.scene) if is_world(first.scene) else None,
+            "split": first.split or None,
+            "index": first.index,
+            **_briefing(opened[0].briefing),
         }
-        if is_world(opened.variant.scene):
-            found["world"] = reference_of(opened.variant.scene)
+        places = [
+            {name: getattr(one, name) for name in ("episode_id", "owner_token", "mcp_url", "player_token")}
+            for one in opened
+        ]
+        found |= places[0] if wanted.count is None else {"episodes": places}
         return JSONResponse(found, status_code=201)
+
+    async def variants(self, request: Request) -> Response:
+        """Return facts about the scenes of a split."""
+        self._check_token(request)
+        wanted = _valid(WantedVariants, dict(request.query_params), "?split=train")
+        return JSONResponse(asdict(await self._referee.listed(wanted)))
+
+    async def metrics(self, request: Request) -> Response:
+        """Return the counters for Prometheus."""
+        self._check_token(request)
+        text = self._referee.metrics.text(self._referee.open_episodes, self._referee.max_episodes)
+        return Response(text, media_type=CONTENT_TYPE)
 
     async def reward(self, request: Request) -> Response:
         """Grade an episode."""
@@ -208,8 +231,17 @@ async def _body(request: Request, kind: type[M], example: str) -> M:
                 raise RefusedRequest(413, f"a request has at most {_MAX_BODY} bytes")
     if patience.cancelled_caught:
         raise RefusedRequest(408, f"the request took longer than {_BODY_S:g} s")
+    return _valid(kind, bytes(content) or b"{}", example)
+
+
+def _valid(kind: type[M], content: bytes | dict[str, str], example: str) -> M:
+    """Validate a body or a query.
+
+    Raises:
+        RefusedRequest: It does not fit the model.
+    """
     try:
-        return kind.model_validate_json(bytes(content) or b"{}")
+        return kind.model_validate_json(content) if isinstance(content, bytes) else kind.model_validate(content)
     except ValidationError as error:
         first = error.errors(include_url=False)[0]
         where = ".".join(str(part) for part in first["loc"])[:_MOST_QUOTED] or "body"
@@ -217,5 +249,5 @@ async def _body(request: Request, kind: type[M], example: str) -> M:
 
 
 def _refusal(status: int, sentence: str) -> JSONResponse:
-    headers = {"WWW-Authenticate": "Bearer"} if status == 401 else None
+    headers = {401: {"WWW-Authenticate": "Bearer"}, 429: {"Retry-After": str(RETRY_S)}}.get(status)
     return JSONResponse({"error": sentence}, status_code=status, headers=headers)

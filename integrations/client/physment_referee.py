@@ -6,6 +6,7 @@ The integrations share it, because they may not import the laboratory or the eva
 import json
 import os
 import urllib.error
+import urllib.parse
 import urllib.request
 from collections.abc import Iterator
 from dataclasses import dataclass, field
@@ -34,6 +35,9 @@ End = Literal["budget_exhausted", "agent_error"]
 class RefereeError(Exception):
     """The referee refused the request or cannot be reached; the message is one sentence."""
 
+    retry_after_s: float | None = None
+    """Set if all places are in use: after this time the same request may succeed [s]."""
+
 
 @dataclass(frozen=True, slots=True)
 class OpenedEpisode:
@@ -52,6 +56,8 @@ class OpenedEpisode:
     budget: int
     """Iterations that the prompt names."""
     scene: int
+    world: str | None = None
+    """Reference of a world, such as `world:5:17`."""
     split: str | None = None
     """Name and version of the split that it was taken from, such as `train@1`."""
     index: int | None = None
@@ -105,8 +111,37 @@ class Referee:
         Raises:
             RefereeError: The referee refused, or cannot be reached.
         """
-        found = self._ask("POST", "/episodes", _given(scene=scene, seed=seed, **options), self.token)
-        return OpenedEpisode(**found | {"tools": tuple(found["tools"])})
+        (opened,) = self.open_group(1, scene, seed, **options)
+        return opened
+
+    def open_group(
+        self, count: int, scene: int | None = None, seed: int | None = None, **options: Any
+    ) -> tuple[OpenedEpisode, ...]:
+        """Open several episodes of one variant, such as the rollouts of one prompt. All are opened, or none.
+
+        Args:
+            count: Number of episodes, at most 64.
+            scene: As for `open`.
+            seed: As for `open`.
+            options: As for `open`.
+
+        Raises:
+            RefereeError: As for `open`.
+        """
+        found = self._ask("POST", "/episodes", _given(scene=scene, seed=seed, count=count, **options), self.token)
+        shared = found | {"tools": tuple(found["tools"])}
+        return tuple(OpenedEpisode(**shared | one) for one in shared.pop("episodes"))
+
+    def variants(self, **query: Any) -> dict[str, Any]:
+        """Facts about the scenes of a split or about worlds: rung, chance, reference, difficulty.
+
+        Args:
+            query: `split`, such as `train`; of worlds `level` and the other fields of `world`; `offset` and `limit`.
+
+        Raises:
+            RefereeError: The referee refused, or cannot be reached.
+        """
+        return self._ask("GET", f"/variants?{urllib.parse.urlencode(_given(**query))}", None, self.token)
 
     def reward(self, episode_id: str, owner_token: str, *, iterations: int, end: End | None = None) -> Reward:
         """Request the reward of an episode. The referee gives it once.
@@ -154,7 +189,10 @@ class Referee:
             with urllib.request.urlopen(request, timeout=self.timeout_s) as reply:  # noqa: S310 - as above
                 return json.loads(reply.read() or b"{}")
         except urllib.error.HTTPError as error:
-            raise RefereeError(_sentence(error)) from error
+            refusal = RefereeError(_sentence(error))
+            delay = error.headers.get("Retry-After", "")
+            refusal.retry_after_s = float(delay) if error.code == 429 and delay.isdecimal() else None
+            raise refusal from error
         except (OSError, ValueError) as error:
             raise RefereeError(
                 f"the referee {self.url} cannot be reached ({error}): start `physment-eval referee`, and put its"

@@ -231,7 +231,7 @@ async def test_neither_the_seed_nor_the_key_is_in_what_a_trainer_gets(host_url: 
     async with refereeing(host_url) as trainer:
         opened = await trainer.open(seed=41_287)
         told = {"episode_id", "owner_token", "mcp_url", "player_token", "prompt", "budget", "tools"}
-        assert set(opened) == told | {"scene", "split", "index"}
+        assert set(opened) == told | {"scene", "world", "split", "index"}
         assert "41287" not in json.dumps(opened)
         await played_by_reference(opened, 7, 41_287)
         rewarded = await trainer.reward(opened)
