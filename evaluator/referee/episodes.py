@@ -7,7 +7,7 @@ import contextlib
 import functools
 import secrets
 import time
-from collections import Counter, OrderedDict
+from collections import OrderedDict
 from collections.abc import AsyncGenerator, Mapping
 from contextlib import AsyncExitStack
 from dataclasses import dataclass, field
@@ -31,6 +31,7 @@ from evaluator.records.run import RunRecord
 from evaluator.referee.contract import EndedEpisode, OpenedEpisode, Reward, Variant, WantedEpisode, WantedVariants
 from evaluator.referee.metrics import Metrics
 from evaluator.referee.proofs import proved_variant
+from evaluator.referee.recording import Recording
 from evaluator.referee.variants import Difficulty, VariantPage, Variants
 from evaluator.scores.scoring import grade_record
 from evaluator.store.run_folder import RunFolder
@@ -81,14 +82,11 @@ class Referee:
     """Scene → its difficulty by a calibration."""
     variants: Variants = field(init=False)
     metrics: Metrics = field(default_factory=Metrics)
+    recording: Recording = field(default_factory=Recording)
     _open: dict[str, _Watched] = field(default_factory=dict[str, _Watched])
     _opening: int = 0
     _graded: OrderedDict[str, str] = field(default_factory=OrderedDict[str, str])
     """Id → owner token of the most recently graded episodes."""
-    _played: Counter[tuple[int, int, int, str]] = field(default_factory=Counter[tuple[int, int, int, str]])
-    """Number of records per combination of scene, seed, budget and prompting. It gives the epoch of the next record."""
-    _splits: set[str] = field(default_factory=set[str])
-    """Splits of the recorded episodes."""
     _grading: anyio.CapacityLimiter = field(default_factory=lambda: anyio.CapacityLimiter(1))
     """Limits grading to one thread, because a key may need the engine and records are appended to a file."""
 
@@ -185,14 +183,7 @@ class Referee:
     async def _open_one(
         self, variant: Variant, key: EpisodeKey, max_calls: int, briefing: Briefing | None
     ) -> tuple[_Watched, Briefing]:
-        """Open an episode on the server.
-
-        Args:
-            variant: Its variant.
-            key: Its key.
-            max_calls: Largest number of calls.
-            briefing: The briefing of another episode of the variant; None to request it.
-        """
+        """Open an episode on the server; `briefing` is that of another episode of the variant, if there is one."""
         started_at = datetime.now(UTC).isoformat(timespec="milliseconds")
         async with AsyncExitStack() as stack:
             watched = await stack.enter_async_context(
@@ -262,7 +253,7 @@ class Referee:
                 )
             outcome = Outcome(ended.end)
         played = Episode(
-            key=self._recorded_as(episode.key),
+            key=self.recording.numbered(episode.key) if self.folder else episode.key,
             outcome=outcome,
             answer=answer,
             prompt=episode.prompt,
@@ -278,7 +269,7 @@ class Referee:
         if self.folder is not None:
             # Record the episode before its reward is sent, so that no run loses a finished episode.
             await self._in_thread(functools.partial(self.folder.append_episode, played))
-            self._splits.add(episode.split)
+            self.recording.splits.add(episode.split)
         return found
 
     async def _reward(self, played: Episode, iterations: int, calls: int) -> Reward:
@@ -298,13 +289,6 @@ class Referee:
         answer = played.answer if played.outcome is Outcome.ANSWERED else None
         key = self.keys.key(played.key.scene, played.key.seed)
         return grade_record(played, self.keys).grade, answer_reward(answer, key)
-
-    def _recorded_as(self, key: EpisodeKey) -> EpisodeKey:
-        """Return the key to record. The epoch is reserved at once, so that two episodes graded together differ."""
-        if self.folder is None:
-            return key
-        self._played[_cell(key)] += 1
-        return key.model_copy(update={"epoch": self._played[_cell(key)]})
 
     async def close(self, episode_id: str, token: str) -> None:
         """Close an episode without a reward.
@@ -347,24 +331,7 @@ class Referee:
 
     def played_record(self) -> RunRecord:
         """Return the run record with the plan replaced by what was actually recorded."""
-        cells, splits = sorted(self._played), self._splits
-        plan = self.record.plan.model_copy(
-            update={
-                "scenes": tuple(sorted({scene for scene, *_ in cells})),
-                "seeds": tuple(sorted({seed for _, seed, *_ in cells})),
-                "budgets": tuple(sorted({budget for _, _, budget, _ in cells})),
-                "promptings": tuple(sorted({prompting for *_, prompting in cells})),
-                "epochs": max(self._played.values(), default=1),
-                # A run has one split or none. The split of held-back seeds is in the plan from the start.
-                "split": self.record.plan.split or (next(iter(splits)) if len(splits) == 1 else ""),
-            }
-        )
-        proofs = self.prover.record((scene, seed) for scene, seed, *_ in cells) if self.prover else None
-        return self.record.model_copy(update={"plan": plan, "seed_proofs": proofs})
+        return self.recording.run_record(self.record, self.prover)
 
     async def _in_thread(self, work: functools.partial[T]) -> T:
         return await anyio.to_thread.run_sync(work, limiter=self._grading)
-
-
-def _cell(key: EpisodeKey) -> tuple[int, int, int, str]:
-    return key.scene, key.seed, key.budget, key.prompting
