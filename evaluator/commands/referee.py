@@ -98,6 +98,11 @@ def add(commands: Commands) -> None:
         "--cost-per-iteration", type=price, default=0.0, metavar="X", help="taken off for each iteration (0)"
     )
     command.add_argument("--cost-per-call", type=price, default=0.0, metavar="X", help="taken off for each call (0)")
+    _add_service(command)
+
+
+def _add_service(command: argparse.ArgumentParser) -> None:
+    """Declare where and whom it serves, and what it knows and keeps."""
     command.add_argument(
         "--host", default="127.0.0.1", help="address to listen on (default 127.0.0.1; others need --token-env)"
     )

@@ -149,8 +149,7 @@ class HostConnector:
             The server's reply, with at least the id and the MCP address of the episode.
 
         Raises:
-            ServerFull: The server has no place for another episode.
-            InfrastructureError: The server cannot be reached, or did not open an episode.
+            InfrastructureError: The server cannot be reached, or opened no episode; `ServerFull` if it has no place.
         """
         drawn = self.seed_of(wanted["scene"], wanted["seed"])
         try:
