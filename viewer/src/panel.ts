@@ -110,6 +110,7 @@ export class LabPanel {
     const before = JSON.stringify(this.read);
     this.read = Object.fromEntries(unseenOf(this.view!.drawing, read));
     if (JSON.stringify(this.read) === before) return false;
+    if (Object.keys(this.read).length === 0) this.places.length = 0; // another episode has begun
     this.places.push(...Object.values(this.read).map((reading) => reading.position));
     this.picture.setRead(this.read);
     return true;

@@ -9,7 +9,7 @@ import { beyond, limitsInWords } from "./limits.js";
 import { rendered } from "./markdown.js";
 import { element } from "./markup.js";
 import { LabPanel } from "./panel.js";
-import { changedOf, latestOf, placesOf, seriesOf } from "./readings.js";
+import { changedOf, latestOf, seriesOf } from "./readings.js";
 import { lastResults, logRows } from "./results.js";
 import { type Call, Elsewhere, type Exchange, leave, type State, stateAfter, take, takeOver } from "./talk.js";
 
@@ -107,7 +107,7 @@ function show(next: State): void {
     next.ended ??
     (next.budget === undefined ? "opening …" : `${next.left} of ${next.budget} iterations left${isOpen ? "" : " · running …"}`);
   if (next.view && JSON.stringify(next.view) !== JSON.stringify(before?.view ?? null)) panel.show(next.view);
-  panel.refresh(placesOf(exchanges()));
+  panel.refresh(next.read);
   if (before?.turns.length !== next.turns.length) showMeasured(next);
   if (next.ended !== null && before?.ended !== next.ended) showEnd(next);
 }

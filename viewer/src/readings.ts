@@ -1,6 +1,5 @@
 /** What was measured: numbers by object and quantity over the simulation clock, taken from the results of calls. */
 
-import type { Readings, Triple } from "./drawing.js";
 import type { Exchange } from "./talk.js";
 
 export interface Reading {
@@ -112,32 +111,6 @@ export function latestOf(exchanges: Exchange[], object: string): string[] {
     }
   }
   return [...found.values()];
-}
-
-/** Field of a result that holds the place of the object for which its tool was called. */
-const PLACES: Record<string, string> = {
-  get_position: "position",
-  move_object: "position",
-  change_position: "new_position",
-};
-
-/** Where each object was read last, from results alone. */
-export function placesOf(exchanges: Exchange[]): Readings {
-  const found: Readings = {};
-  for (const { arguments: given, content, is_error: failed, tool } of exchanges) {
-    const id = given["object_id"];
-    if (failed || !content || typeof id !== "string") continue;
-    if (tool === "delete_objects") delete found[id];
-    const position = content[PLACES[tool] ?? ""];
-    if (!Array.isArray(position) || position.length !== 3) continue;
-    const angle = content["angle"];
-    found[id] = {
-      position: position as Triple,
-      time: content["sim_time"] as number,
-      ...(typeof angle === "number" ? { angle } : {}),
-    };
-  }
-  return found;
 }
 
 /** A field of a result in words, such as `velocity [0, 0, -7.848] m/s`. */

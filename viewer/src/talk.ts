@@ -1,6 +1,6 @@
 /** What the page of a person who plays exchanges with the command that serves it. */
 
-import type { View } from "./drawing.js";
+import type { Readings, View } from "./drawing.js";
 
 export interface Schema {
   type?: string;
@@ -87,6 +87,8 @@ export interface State {
   scene: Scene;
   turns: { note: string; exchanges: Exchange[] }[];
   view: View | null;
+  /** Last readings of the places of objects. */
+  read: Readings;
   ended: string | null;
   end: End | null;
 }

@@ -20,6 +20,7 @@ from evaluator.episode.protocols.typed import TypingError
 from evaluator.episode.toolbox import first_problem, joined, schema_validator, view_in
 from evaluator.errors import RefusedRequest
 from evaluator.records.episode import EpisodeKey, Exchange, ToolCall
+from physment_mcp.contract.last_read import Reading, read_after
 
 MOST_CALLS = 50
 """Largest number of calls in one turn."""
@@ -86,9 +87,17 @@ class PageState:
         tools = [] if briefing is None else [asdict(tool) for tool in briefing.tools]
         scene = {} if briefing is None else dict(briefing.scene)
         ended = None if self.ending is None else self.ending.sentence
-        shown = {"turns": self.turns, "left": self.left, "view": self.view, "ended": ended, "end": self._end()}
+        shown = {"turns": self.turns, "left": self.left, "view": self.view, "read": self._read(), "ended": ended}
         about = {"version": self.version, "number": self.number, "waiting": self.waiting, "rules": dict(self.rules)}
-        return {**about, **known, "tools": tools, "scene": scene, **shown}
+        return {**about, **known, "tools": tools, "scene": scene, **shown, "end": self._end()}
+
+    def _read(self) -> dict[str, Reading]:
+        """Return the last reading of the place of each object, from the results alone."""
+        read: dict[str, Reading] = {}
+        for one in (exchange for turn in self.turns for exchange in turn["exchanges"]):
+            if one["returned"] and not one["is_error"] and one["content"] is not None:
+                read = read_after(read, one["tool"], one["arguments"], one["content"])
+        return read
 
     def _end(self) -> dict[str, Any] | None:
         end = self.ending

@@ -85,10 +85,15 @@ def test_a_scene_is_solved_over_http_recorded_and_graded_like_any_other(tmp_path
         played.turn({"tool": "step", "arguments": {"duration": 0.3}}, LOOK, note="it falls")
         played.state(waiting=True, left=19)
         played.turn(
-            {"tool": "step", "arguments": {"duration": 0.2}}, {"tool": "step", "arguments": {"duration": 0.3}}, LOOK
+            {"tool": "step", "arguments": {"duration": 0.2}},
+            {"tool": "step", "arguments": {"duration": 0.3}},
+            LOOK,
+            {"tool": "get_position", "arguments": {"object_id": 1}},
         )
         second = played.state(waiting=True, left=18)
         assert second["turns"][1]["exchanges"][2]["content"]["velocity"] == [0, 0, -7.848]
+        place = second["turns"][1]["exchanges"][3]["content"]["position"]
+        assert (first["read"], second["read"]) == ({}, {"object_1": {"position": place, "time": 0.8}})
         # The steps of one turn are seen as one motion.
         motion = second["view"]["motion"]
         assert (motion["times"][0], motion["times"][-1]) == (0.3, 0.8)
