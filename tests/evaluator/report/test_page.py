@@ -195,7 +195,7 @@ def test_open_worlds_are_shown_apart_from_the_accuracy_of_the_suite() -> None:
     assert '<th scope="col">open: all predictions right</th>' in ladder
     assert ">50.0 % <small>9 to 91, n 2</small></td>" in ladder
     assert "How episodes in open worlds ended" in ladder
-    assert "no other number of this page" in text
+    assert "no other number on this page" in text
     assert "in open worlds" not in page(row(7, True, "easy-single"))
 
 
