@@ -23,13 +23,14 @@ from scipy.optimize import minimize
 
 from evaluator.calibration.responses import Responses
 from evaluator.certify.records import SceneCertificate, read_certificates
+from evaluator.statistics.ability import ABILITY_SD, normal_grid
 from scenes import Pack, default_folder, find_pack, read_pack
 
 Array = NDArray[np.float64]
-ABILITY_SD, EFFECT_SD = 3.0, 1.0
-"""Prior standard deviations of abilities and of effects of standardised features [logits]."""
-_RESTS, _DEVIATIONS, _REACH = 25, 9, 4.0
-"""Number of grid points for rests and for deviations, and the half-width of both grids [standard deviations]."""
+EFFECT_SD = 1.0
+"""Prior standard deviation of effects of standardised features [logits]."""
+_RESTS, _DEVIATIONS = 25, 9
+"""Number of grid points for rests and for deviations."""
 _CHANGE = 1e-4
 """Step of the finite differences for the curvature [logits]."""
 
@@ -97,13 +98,6 @@ def fit(data: Responses, features: Array) -> RaschFit:
     return posterior.fit_at(np.asarray(found.x, dtype=float))
 
 
-def _grid(points: int) -> tuple[Array, Array]:
-    """Return grid points in standard deviations, and the logarithms of their normal weights."""
-    at = np.linspace(-_REACH, _REACH, points) if points > 1 else np.zeros(1)
-    weight = np.exp(-(at**2) / 2)
-    return at, np.log(weight / weight.sum())
-
-
 class _Posterior:
     """The posterior density of abilities, effects and spreads, given the answers."""
 
@@ -121,8 +115,8 @@ class _Posterior:
         scene_of = np.array([data.scenes.index(scene) for scene, _ in data.variants])
         self.scene_of = scene_of
         self.first_variants = np.searchsorted(scene_of, np.arange(len(data.scenes)))
-        self.rests, self.rest_weights = _grid(_RESTS)
-        self.deviations, self.deviation_weights = _grid(_DEVIATIONS if self.has_variants else 1)
+        self.rests, self.rest_weights = normal_grid(_RESTS)
+        self.deviations, self.deviation_weights = normal_grid(_DEVIATIONS if self.has_variants else 1)
         self.penalty = np.array([ABILITY_SD**-2.0] * len(data.takers) + [EFFECT_SD**-2.0] * features.shape[1])
 
     def at(self, parameters: Array) -> _State:

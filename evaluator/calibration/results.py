@@ -5,7 +5,7 @@ answers coded 0 and 1, on the cells that all takers played (Brennan 2001, Genera
 """
 
 import itertools
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
@@ -102,6 +102,8 @@ class SceneStanding(Standing):
     """Estimate for a scene."""
 
     scene: int
+    pack: str = ""
+    """Content hash of its pack; empty in calibrations of version 0.2.0."""
     rung: str
     separation: float | None
     """Correlation between the takers' shares of right answers and their abilities; None if either is constant."""
@@ -151,13 +153,16 @@ class _Fitting(NamedTuple):
     outfit: Array
 
 
-def calibrate(data: Responses, features: Array, rungs: Sequence[str]) -> Calibration:
+def calibrate(
+    data: Responses, features: Array, rungs: Sequence[str], packs: Mapping[int, str] | None = None
+) -> Calibration:
     """Estimate difficulties and abilities on one scale.
 
     Args:
         data: The answers.
         features: Standardised features, one row per scene.
         rungs: The rung of each scene.
+        packs: Scene → content hash of its pack, for the record.
     """
     found = fit(data, features)
     by_taker, by_scene = (
@@ -172,6 +177,7 @@ def calibrate(data: Responses, features: Array, rungs: Sequence[str]) -> Calibra
         SceneStanding(
             name=f"scene {scene}",
             scene=scene,
+            pack=(packs or {}).get(scene, ""),
             rung=rungs[place],
             **_place(data, data.scene, place, found.difficulty, found.difficulty_se, by_scene),
             **_separation(data, found, place),

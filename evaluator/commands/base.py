@@ -52,6 +52,14 @@ def seconds(text: str) -> float:
     return value
 
 
+def logits(text: str) -> float:
+    """Argument type: a standard error above 0 [logits]."""
+    value = _number(text)
+    if not 0 < value < math.inf:
+        raise argparse.ArgumentTypeError(f"{text} is not a standard error above 0, in logits")
+    return value
+
+
 def us_dollars(text: str) -> float:
     """Argument type: an amount of money above 0 [USD]."""
     value = _number(text)

@@ -17,7 +17,7 @@ from evaluator.scores.errata import is_withdrawn
 from evaluator.scores.grouping import NO_RUNG
 from evaluator.scores.scoring import read_graded
 from evaluator.store.run_folder import RunFolder
-from scenes import Pack, PackError, Rung, find_pack, read_pack, same_pack
+from scenes import Pack, PackError, Rung, content_hash_of, find_pack, read_pack, same_pack
 
 _DESCRIPTION = """\
 Put agents and scenes on one scale of logits by a Rasch model, from graded runs: ability of each agent and difficulty
@@ -45,7 +45,8 @@ def _calibrate(args: argparse.Namespace) -> int:
     runs = {str(path): _suite(RunFolder(path), args.scenes_dir, rungs) for path in args.folders}
     data = responses(runs)
     features = features_of(data.scenes, args.scenes_dir)
-    found = calibrate(data, features, [rungs[scene] for scene in data.scenes])
+    packs = {one.key.scene: content_hash_of(one.pack_version) for grades in runs.values() for one in grades}
+    found = calibrate(data, features, [rungs[scene] for scene in data.scenes], packs)
     text = calibration_text(found)
     print(printable(text, keep="\n"))
     if args.out is not None:

@@ -12,6 +12,8 @@ from pathlib import Path
 from rich.console import Console
 
 from evaluator.answers.keys import KeyRing
+from evaluator.calibration.adaptive import DifficultyTable
+from evaluator.commands.adaptive import play_adaptively
 from evaluator.commands.base import run_async
 from evaluator.commands.finishing import finish
 from evaluator.commands.telemetry import exporting_spans
@@ -50,6 +52,8 @@ class PreparedRun:
     """The run whose episodes are continued; None if they are played from their start."""
     seed_proofs: SeedProofs | None = None
     """What is known of seeds that no certificate covers; None if nothing was asked."""
+    table: DifficultyTable | None = None
+    """Difficulties of the scenes for an adaptive test; None to play all keys."""
 
 
 def play_run(run: PreparedRun) -> int:
@@ -63,7 +67,9 @@ def play_run(run: PreparedRun) -> int:
         return 130
     if stopped:
         print(f"physment-eval: {stopped}; {continuation}", file=sys.stderr)
-    return finish(folder, run.answers, run.console, as_json=config.as_json, wanted=len(run.keys))
+    wanted = len(run.keys) if run.table is None else None
+    code = finish(folder, run.answers, run.console, as_json=config.as_json, wanted=wanted)
+    return code or int(bool(stopped))
 
 
 def create_folder(config: RunConfig, participants: Mapping[str, Participant]) -> RunFolder:
@@ -142,6 +148,8 @@ async def _play_missing(run: PreparedRun) -> str:
             on_start=display.started,
             on_end=display.ended,
         )
+        if run.table is not None:
+            return await play_adaptively(config, run.table, runner, run.keys, done, run.answers)
         return await runner.run(todo)
 
 

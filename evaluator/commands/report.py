@@ -9,6 +9,7 @@ from evaluator.answers.keys import KeyRing
 from evaluator.commands.base import Commands, allow_modified, folder_to_write
 from evaluator.commands.finishing import attached_to
 from evaluator.errors import StoreError, UsageError
+from evaluator.report.abilities import abilities_table
 from evaluator.report.agent_results import AgentResults, Run, agent_results, packs_of
 from evaluator.report.baselines import baseline_table
 from evaluator.report.errata import errata_table
@@ -153,7 +154,8 @@ def _export(target: RunFolder, results: Sequence[AgentResults], form: str, *, ba
     """Write the tables: CSV as one file per table, other formats as a single file."""
     found = tables(results)
     floors = baseline_table(packs_of(results)) if baselines else None
-    found += [table for table in (floors, errata_table(results)) if table is not None]
+    more = (floors, abilities_table(results), errata_table(results))
+    found += [table for table in more if table is not None]
     if form == "csv":
         texts = {f"tables-{table.name}.csv": csv_text(table) for table in found}
     else:

@@ -9,6 +9,7 @@ from rich.console import Console
 
 from evaluator.answers.keys import KeyRing
 from evaluator.certify.records import engine_note
+from evaluator.commands.adaptive import adaptive_config
 from evaluator.commands.base import Commands
 from evaluator.commands.playing import PreparedRun, create_folder, play_run
 from evaluator.commands.proving import prove_seeds
@@ -16,7 +17,7 @@ from evaluator.commands.run_options import add_options, read_options
 from evaluator.commands.telemetry import require_otel
 from evaluator.errors import UsageError
 from evaluator.records.episode import EpisodeKey
-from evaluator.records.run import Plan
+from evaluator.records.run import AdaptivePlan, Plan
 from evaluator.study.participants import participants_of
 from evaluator.study.ray_executor import require_ray
 from evaluator.study.run_config import Meter
@@ -100,8 +101,16 @@ def add(commands: Commands) -> None:
 
 def _run(args: argparse.Namespace) -> int:
     config = read_options(args)
+    answers, table = KeyRing(config.scenes_dir, config.seed_of), None
+    if config.difficulties is not None and config.adaptive is None:
+        raise UsageError("--difficulties needs --adaptive SE")
+    if config.adaptive is not None:
+        config, table = adaptive_config(config, answers)
     participants = participants_of(config)
     plan = config.plan(participants)
+    if config.adaptive is not None and table is not None:
+        design = AdaptivePlan(se=config.adaptive, difficulties_sha256=table.sha256)
+        plan = plan.model_copy(update={"adaptive": design})
     if config.dry_run:
         keys = [key for key in plan.matrix() if config.shard.takes(key)]
         print(*estimate_lines(plan, keys, config.shard, config.concurrency), sep="\n")
@@ -118,9 +127,11 @@ def _run(args: argparse.Namespace) -> int:
     plan, proofs = prove_seeds(config, plan)
     keys = [key for key in plan.matrix() if config.shard.takes(key)]
     folder = create_folder(config, participants)
-    answers, console = KeyRing(config.scenes_dir, config.seed_of), Console(stderr=config.as_json)
-    meter = Meter(config.limits)
-    return play_run(PreparedRun(config, participants, plan, keys, folder, answers, meter, console, seed_proofs=proofs))
+    console, meter = Console(stderr=config.as_json), Meter(config.limits)
+    run = PreparedRun(
+        config, participants, plan, keys, folder, answers, meter, console, seed_proofs=proofs, table=table
+    )
+    return play_run(run)
 
 
 def _timestep_notes(packs: Iterable[PackFiles]) -> Iterator[str]:

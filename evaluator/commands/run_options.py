@@ -23,6 +23,7 @@ from evaluator.commands.base import (
     allow_modified,
     count_of,
     folder_to_write,
+    logits,
     seconds,
     unproved,
     us_dollars,
@@ -91,6 +92,8 @@ def read_options(args: argparse.Namespace, environ: Mapping[str, str] = os.envir
         same_seeds=args.same_seeds,
         promptings=_among(args.prompting, "--prompting", PROMPTINGS),
         protocols=_among(args.protocol, "--protocol", PROTOCOLS),
+        adaptive=args.adaptive,
+        difficulties=args.difficulties,
         shard=parse_shard(args.shard) if args.shard else shard_of_environment(environ),
         limits=Limits(args.max_cost, args.max_tokens, args.max_time),
         concurrency=args.concurrency or usual_concurrency(args),
@@ -160,7 +163,9 @@ def add_options(run: argparse.ArgumentParser) -> None:
         " host · a command that serves one episode on stdio, with {scene} and {seed} in it",
     )
     run.add_argument("--config", metavar="FILE", help="TOML file with options; options of the command line win")
-    _matrix(run.add_argument_group("the matrix"))
+    matrix = run.add_argument_group("the matrix")
+    _matrix(matrix)
+    _adaptive(matrix)
     add_model_options(run.add_argument_group("models"))
     _course(run.add_argument_group("how it is played"))
     add_external_options(run)
@@ -231,6 +236,23 @@ def _conditions(group: "ArgumentGroup") -> None:
         default="text",
         help="rgb: results of step and find_objects carry a picture of what may be seen, which models are shown and the"
         " run folder keeps (default text)",
+    )
+
+
+def _adaptive(group: "ArgumentGroup") -> None:
+    group.add_argument(
+        "--adaptive",
+        type=logits,
+        metavar="SE",
+        help="choose each scene by the answers before it, and stop when the ability of an agent is known to this"
+        " standard error, such as 0.3 logits; no shards, no held-back seeds",
+    )
+    group.add_argument(
+        "--difficulties",
+        type=Path,
+        metavar="FILE",
+        help="with --adaptive: the calibration.json of `calibrate --out` with the difficulties of the scenes (default:"
+        " the one that ships)",
     )
 
 

@@ -20,6 +20,7 @@ from evaluator.scores.metrics import GroupSummary, RunSummary, summarise
 from evaluator.scores.scored_episode import ScoredEpisode, scene_title
 from evaluator.scores.scoring import GradedRun, strict_verdict
 from evaluator.scores.wording import (
+    ability_sentence,
     curve_sentence,
     decimal,
     dimension,
@@ -217,7 +218,7 @@ def summary_lines(summary: RunSummary, rows: Iterable[ScoredEpisode]) -> list[st
         group = summarise([row for row in played if row.key.agent == agent]).by_rung[Rung.OPEN]
         named = f"{agent}: " if len(agents) > 1 or len(summary.by_agent) > 1 else ""
         lines += [f"{named}{line}" for line in _open_lines(group)]
-    return [*lines, *_errata_lines(summary)]
+    return [*lines, *map(ability_sentence, summary.abilities), *_errata_lines(summary)]
 
 
 def _errata_lines(summary: RunSummary) -> list[str]:

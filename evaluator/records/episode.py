@@ -147,6 +147,25 @@ class Fork(Record):
     """SHA-256 of the original episode's line in its `episodes.jsonl`."""
 
 
+class Choice(Record):
+    """Why an adaptive test chose an episode. All values but `rank` are in logits, on the scale of a calibration."""
+
+    ability: float
+    """Estimate of the ability before the episode."""
+    se: float
+    """Its standard error."""
+    information: float
+    """Fisher information about the ability that the episode was expected to give [1/logit²]."""
+    rank: int
+    """Rank of its scene by information among the scenes that could be chosen; 1 is the most informative."""
+    difficulty: float
+    """Difficulty of its scene."""
+    difficulty_se: float
+    """Standard error of the difficulty."""
+    variant_sd: float
+    """Standard deviation of variants around their scene."""
+
+
 class Episode(Record):
     """One episode, from its opening prompt to its outcome."""
 
@@ -173,6 +192,8 @@ class Episode(Record):
     versions: Versions
     forked_from: Fork | None = Field(default=None, exclude_if=is_absent)
     """The episode whose first turns were replayed; absent if the agent took every turn."""
+    chosen: Choice | None = Field(default=None, exclude_if=is_absent)
+    """Why an adaptive test chose the episode; absent in other runs."""
 
     @property
     def allowance(self) -> int:

@@ -26,6 +26,15 @@ class OpenRecord(Record):
     model_config = ConfigDict(extra="allow")
 
 
+class AdaptivePlan(OpenRecord):
+    """When an adaptive test ends, and by which difficulties it chooses scenes."""
+
+    se: float
+    """Standard error of the ability at which the test of an agent ends [logits]."""
+    difficulties_sha256: str
+    """SHA-256 of the calibration with the difficulties."""
+
+
 class Plan(OpenRecord):
     """The matrix of a run: each combination of these values is an episode."""
 
@@ -52,6 +61,8 @@ class Plan(OpenRecord):
     nothing did. Records hold the laboratory's own terms."""
     replaced: dict[str, dict[int, int]] = Field(default_factory=dict[str, dict[int, int]], exclude_if=is_absent)
     """Scene → seed that could not be proved → the seed that is played in its place; absent if there is none."""
+    adaptive: AdaptivePlan | None = Field(default=None, exclude_if=is_absent)
+    """Set if an adaptive test chose which episodes of the matrix to play; absent if all are played."""
 
     def matrix(self) -> list[EpisodeKey]:
         """Return all episodes in playing order: a run that is stopped early has complete epochs and budgets."""

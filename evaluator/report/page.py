@@ -19,6 +19,7 @@ from evaluator.errors import StoreError
 from evaluator.records.episode import Outcome
 from evaluator.records.evidence import EvidenceVerdict
 from evaluator.report import tables
+from evaluator.report.abilities import abilities_table
 from evaluator.report.agent_results import AgentResults, Run, agent_results, packs_of
 from evaluator.report.attachments import own_folder, write_anew, write_player
 from evaluator.report.baselines import baseline_table
@@ -110,6 +111,7 @@ def render(runs: Sequence[Run], inline: int = INLINE, *, baselines: bool = True)
         weights=WEIGHTS,
         baselines=baseline_table(packs_of(suite)) if baselines else None,
         floors=tables.floors(suite),
+        abilities=abilities_table(results),
         errata=errata_table(results),
         dimensions=tuple(tables.DIMENSIONS.values()),
         entries=found,

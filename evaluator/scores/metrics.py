@@ -12,7 +12,7 @@ from typing import Literal, NamedTuple, TypeVar
 
 from pydantic import Field
 
-from evaluator.records.episode import Grade, NormalisationClass, Outcome, Record, Verdict, is_absent
+from evaluator.records.episode import Choice, Grade, NormalisationClass, Outcome, Record, Verdict, is_absent
 from evaluator.scores.dimensions import SCORING_VERSION, MedianCost, median_cost
 from evaluator.scores.errata import AccuracyBounds, AppliedErratum, accuracy_bounds, applied_errata
 from evaluator.scores.failures.findings import FailureCount, FailureMode, failure_counts
@@ -30,6 +30,7 @@ from evaluator.scores.grouping import (
 )
 from evaluator.scores.scored_episode import ScoredEpisode
 from evaluator.scores.sufficiency import EvidenceSummary, evidence_summary
+from evaluator.statistics.ability import Ability, ability_of
 from evaluator.statistics.attempts import Attempts, attempts
 from evaluator.statistics.budget_curve import BudgetCurve, Cell, budget_curve
 from evaluator.statistics.intervals import Interval, IntervalMethod, Proportion, proportion
@@ -139,6 +140,16 @@ class ConditionAttempts(Record):
     attempts: Attempts
 
 
+class ConditionAbility(Record):
+    """The ability of an agent in an adaptive test under one condition."""
+
+    agent: str
+    budget: int
+    prompting: str
+    protocol: str
+    estimate: Ability
+
+
 class RunSummary(Record):
     """Scores of a run, for all episodes and for each grouping that the paper's hypotheses need."""
 
@@ -169,6 +180,8 @@ class RunSummary(Record):
     all of them."""
     attempts: tuple[ConditionAttempts, ...]
     """One entry for each condition under which every scene was played more than once."""
+    abilities: tuple[ConditionAbility, ...] = ()
+    """One entry for each agent and condition of an adaptive test."""
     errata: tuple[AppliedErratum, ...] = ()
     """Known faults of the packs that were played, open worlds included."""
 
@@ -198,6 +211,7 @@ def summarise(rows: Sequence[ScoredEpisode]) -> RunSummary:
         by_agent=_grouped(table, lambda row: row.key.agent),
         budget_curves=tuple(_budget_curves(suite)),
         attempts=tuple(_attempts(suite)),
+        abilities=tuple(_abilities(suite)),
         errata=applied_errata(row.erratum for row in rows),
     )
 
@@ -239,6 +253,16 @@ def _attempts(rows: Iterable[ScoredEpisode]) -> Iterator[ConditionAttempts]:
         tried = attempts(dict(sorted(verdicts.items())))
         if tried is not None:
             yield ConditionAttempts(**played._asdict(), attempts=tried)
+
+
+def _abilities(rows: Iterable[ScoredEpisode]) -> Iterator[ConditionAbility]:
+    found: defaultdict[Condition, list[tuple[int, int, Choice, bool]]] = defaultdict(list)
+    for row in rows:
+        if row.is_scored and row.episode.chosen is not None:
+            chosen = (row.key.scene, row.key.seed, row.episode.chosen, row.is_correct)
+            found[condition(row.key)].append(chosen)
+    for played, answers in sorted(found.items()):
+        yield ConditionAbility(**played._asdict(), estimate=ability_of(answers))
 
 
 def held_out_accuracy(rows: Iterable[ScoredEpisode]) -> Mapping[tuple[Condition, str], float]:

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 
-from evaluator.scores.metrics import GroupSummary
+from evaluator.scores.metrics import ConditionAbility, GroupSummary
 from evaluator.statistics.budget_curve import BudgetCurve, CurveShape
 
 
@@ -23,6 +23,16 @@ def curve_sentence(curve: BudgetCurve) -> str:
         return f"{shape}; gains have not ended at {curve.enough}"
     sure = "" if curve.enough_certainty is None else f", with {_certain(curve.enough_certainty)}"
     return f"{shape}; beyond {curve.enough} no budget gains more than {100 * curve.margin:g} points{sure}"
+
+
+def ability_sentence(found: ConditionAbility) -> str:
+    """Describe the ability of an agent in an adaptive test in one sentence."""
+    one, ends = found.estimate, found.estimate.interval
+    return (
+        f"{found.agent}, budget {found.budget}: ability {one.ability:.2f} ± {one.se:.2f} logits, 95 % interval"
+        f" {ends.low:.2f} to {ends.high:.2f}, from {one.answers} episodes that an adaptive test chose; their accuracy"
+        " compares with no other"
+    )
 
 
 def _certain(value: float | None) -> str:

@@ -136,6 +136,10 @@ class RunConfig:
     """Whether external agents get the same seeds at each repetition, as other agents do."""
     promptings: tuple[str, ...] = ("zero-shot",)
     protocols: tuple[str, ...] = ("native",)
+    adaptive: float | None = None
+    """Standard error of the ability at which an adaptive test ends [logits]; None to play the whole matrix."""
+    difficulties: Path | None = None
+    """`calibration.json` with the difficulties for an adaptive test; None for the one that ships."""
     shard: Shard = WHOLE
     """The part of the matrix that this process plays."""
 

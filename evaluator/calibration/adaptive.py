@@ -1,0 +1,128 @@
+"""Adaptive tests: the next scene is among those that tell most about the ability, by the answers so far.
+
+The information is Fisher's at the present estimate. As exposure control, the scene is drawn from the five most
+informative ones ("randomesque"), so that takers of the same ability do not all play the same scenes.
+
+Source: van der Linden and Glas 2010, Elements of Adaptive Testing; Kingsbury and Zara 1989, Applied Measurement in
+Education 2, 359.
+"""
+
+import hashlib
+import random
+from collections import Counter
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import NamedTuple
+
+from evaluator.errors import UsageError, reason_of
+from evaluator.records.episode import Choice, EpisodeKey
+from evaluator.statistics.ability import (
+    Ability,
+    Array,
+    Difficulty,
+    information,
+    posterior_ability,
+    scene_likelihood,
+)
+from scenes import PackFiles, same_pack
+
+DIFFICULTIES = Path(__file__).with_name("difficulties.json")
+"""The calibration that ships with the package."""
+EXPOSED = 5
+"""Number of most informative scenes that the next one is drawn from."""
+
+
+class DifficultyTable(NamedTuple):
+    """Difficulties of scenes."""
+
+    difficulties: Mapping[int, Difficulty]
+    packs: Mapping[int, str]
+    """Scene → content hash of the pack that was calibrated."""
+    sha256: str
+    """SHA-256 of the file."""
+
+    def holds(self, files: PackFiles) -> bool:
+        """Whether the table has the difficulty of a pack."""
+        return same_pack(self.packs.get(files.scene_id, ""), files)
+
+
+def read_difficulties(file: Path = DIFFICULTIES) -> DifficultyTable:
+    """Read the difficulties from a `calibration.json`.
+
+    Raises:
+        UsageError: The file cannot be read or is malformed.
+    """
+    from evaluator.calibration.results import Calibration  # noqa: PLC0415 - loads scipy, which no other run needs
+
+    try:
+        content = file.read_bytes()
+        found = Calibration.model_validate_json(content)
+    except (OSError, ValueError) as error:
+        raise UsageError(f"{file} cannot be read as a calibration: {reason_of(error)}") from error
+    difficulties = {one.scene: Difficulty(one.logits, one.se, found.spreads.variant) for one in found.scenes}
+    packs = {one.scene: one.pack for one in found.scenes}
+    return DifficultyTable(difficulties, packs, hashlib.sha256(content).hexdigest())
+
+
+@dataclass(slots=True)
+class AdaptiveTest:
+    """The test of one taker."""
+
+    name: str
+    """Name of the taker, from which the draws of the exposure control follow."""
+    difficulties: Mapping[int, Difficulty]
+    target: float
+    """Standard error of the ability at which the test ends [logits]."""
+    waiting: list[EpisodeKey]
+    """Episodes that can still be chosen; of those in one scene, the first is chosen first."""
+    answers: dict[int, dict[int, tuple[int, int]]] = field(default_factory=dict[int, dict[int, tuple[int, int]]])
+    """Scene → seed → number of right answers and number of answers."""
+    likelihoods: dict[int, Array] = field(default_factory=dict[int, Array])
+    """Scene → logarithm of the likelihood of its answers."""
+
+    def add(self, key: EpisodeKey, *, is_right: bool) -> None:
+        """Count the answer of an episode."""
+        of_scene = self.answers.setdefault(key.scene, {})
+        right, count = of_scene.get(key.seed, (0, 0))
+        of_scene[key.seed] = (right + is_right, count + 1)
+        self.likelihoods[key.scene] = scene_likelihood(self.difficulties[key.scene], of_scene)
+
+    def ability(self) -> Ability:
+        """Estimate the ability from the answers so far."""
+        counts = (count for of_scene in self.answers.values() for _, count in of_scene.values())
+        return posterior_ability(self.likelihoods.values(), sum(counts))
+
+    def choose(self, count: int) -> list[tuple[EpisodeKey, Choice]]:
+        """Choose the next episodes, each with its reason, and take them from those that wait.
+
+        Args:
+            count: Largest number of episodes; none if the test has ended.
+        """
+        now, chosen = self.ability(), list[tuple[EpisodeKey, Choice]]()
+        played = Counter({scene: sum(count for _, count in found.values()) for scene, found in self.answers.items()})
+        while len(chosen) < count and self.waiting and now.se > self.target:
+            first: dict[int, EpisodeKey] = {}
+            for key in self.waiting:
+                first.setdefault(key.scene, key)
+            scenes = list(first)
+            found = information(
+                [self.difficulties[one] for one in scenes], [played[one] for one in scenes], now.ability
+            )
+            ranked = sorted(zip(-found, scenes, strict=True))[:EXPOSED]
+            draw = random.Random(f"{self.name}:{played.total()}")  # noqa: S311 - must be reproducible, not secret
+            rank = draw.randrange(len(ranked))
+            scene, difficulty = ranked[rank][1], self.difficulties[ranked[rank][1]]
+            reason = Choice(
+                ability=now.ability,
+                se=now.se,
+                information=float(-ranked[rank][0]),
+                rank=rank + 1,
+                difficulty=difficulty.logits,
+                difficulty_se=difficulty.se,
+                variant_sd=difficulty.variant_sd,
+            )
+            played[scene] += 1
+            self.waiting.remove(first[scene])
+            chosen.append((first[scene], reason))
+        return chosen
