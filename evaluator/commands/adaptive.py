@@ -3,9 +3,12 @@
 import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import TYPE_CHECKING
 
 from evaluator.answers.keys import KeyRing
 from evaluator.calibration.adaptive import DIFFICULTIES, AdaptiveTest, DifficultyTable, read_difficulties
+from evaluator.commands.base import logits
 from evaluator.errors import UsageError
 from evaluator.records.episode import Choice, Episode, EpisodeKey, Verdict
 from evaluator.scores.grouping import Condition, condition
@@ -15,6 +18,27 @@ from evaluator.study.runner import Runner, missing
 from evaluator.study.shards import WHOLE
 from scenes import ErratumEffect, pack_hash
 from scenes.folder import ranges
+
+if TYPE_CHECKING:
+    from argparse import _ArgumentGroup as ArgumentGroup  # pyright: ignore[reportPrivateUsage] - has no public name
+
+
+def add_adaptive_options(group: "ArgumentGroup") -> None:
+    """Declare the options of an adaptive test."""
+    group.add_argument(
+        "--adaptive",
+        type=logits,
+        metavar="SE",
+        help="choose each scene by the answers before it, and stop when the ability of an agent is known to this"
+        " standard error, such as 0.3 logits; no shards, no held-back seeds",
+    )
+    group.add_argument(
+        "--difficulties",
+        type=Path,
+        metavar="FILE",
+        help="with --adaptive: the calibration.json of `calibrate --out` with the difficulties of the scenes (default:"
+        " the one that ships)",
+    )
 
 
 def adaptive_config(config: RunConfig, keys: KeyRing) -> tuple[RunConfig, DifficultyTable]:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 from evaluator.agents.presentation import Change, parse_presentation
 from evaluator.agents.stopping import POLICIES
+from evaluator.commands.adaptive import add_adaptive_options
 from evaluator.commands.agent_options import (
     USUAL_CONCURRENCY,
     add_external_options,
@@ -23,7 +24,6 @@ from evaluator.commands.base import (
     allow_modified,
     count_of,
     folder_to_write,
-    logits,
     seconds,
     unproved,
     us_dollars,
@@ -165,7 +165,7 @@ def add_options(run: argparse.ArgumentParser) -> None:
     run.add_argument("--config", metavar="FILE", help="TOML file with options; options of the command line win")
     matrix = run.add_argument_group("the matrix")
     _matrix(matrix)
-    _adaptive(matrix)
+    add_adaptive_options(matrix)
     add_model_options(run.add_argument_group("models"))
     _course(run.add_argument_group("how it is played"))
     add_external_options(run)
@@ -236,23 +236,6 @@ def _conditions(group: "ArgumentGroup") -> None:
         default="text",
         help="rgb: results of step and find_objects carry a picture of what may be seen, which models are shown and the"
         " run folder keeps (default text)",
-    )
-
-
-def _adaptive(group: "ArgumentGroup") -> None:
-    group.add_argument(
-        "--adaptive",
-        type=logits,
-        metavar="SE",
-        help="choose each scene by the answers before it, and stop when the ability of an agent is known to this"
-        " standard error, such as 0.3 logits; no shards, no held-back seeds",
-    )
-    group.add_argument(
-        "--difficulties",
-        type=Path,
-        metavar="FILE",
-        help="with --adaptive: the calibration.json of `calibrate --out` with the difficulties of the scenes (default:"
-        " the one that ships)",
     )
 
 
