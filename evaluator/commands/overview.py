@@ -70,6 +70,7 @@ COMMANDS: dict[str, tuple[str, str]] = {
     "evidence": ("evidence", "measure what the experiments of a run could tell"),
     "submit": ("submit", "write the results of a run for a leaderboard"),
     "check-submission": ("submit", "check a submission against its run folder"),
+    "board": ("board", "write a leaderboard page of submissions"),
     "reveal-seeds": ("reveal_seeds", "disclose or check the held-back seeds of a run"),
     "replay-original": ("replay_original", ""),
     "keep-baselines": ("keep_baselines", ""),

@@ -1,0 +1,120 @@
+"""A static leaderboard of submissions: a row for each agent of each file, model and scaffold apart. Scores nothing."""
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
+
+from jinja2 import Environment, PackageLoader, StrictUndefined
+from pydantic import JsonValue
+
+from evaluator.records.run import RunRecord
+from evaluator.scores.metrics import GroupSummary, RunSummary
+
+
+class BoardEntry(NamedTuple):
+    """A submission, as far as the page shows it."""
+
+    file: str
+    """Name of its file."""
+    run: RunRecord
+    summary: RunSummary
+    seal_head: str
+    unsealed_episodes: int
+
+
+class BoardRow(NamedTuple):
+    """One agent of one submission."""
+
+    agent: str
+    model: str
+    """Provider and model; empty for an agent that is no language model or does not tell."""
+    scaffold: str
+    """What the model plays in: protocol, prompting, advice and presentation of the run."""
+    scores: GroupSummary
+    entry: BoardEntry
+
+
+class Track(NamedTuple):
+    """The rows that were played on the same variants, best first."""
+
+    title: str
+    rows: tuple[BoardRow, ...]
+
+    def rank(self, row: BoardRow) -> int:
+        """One more than the number of agents with a higher Skill, or with the same and a higher accuracy."""
+        return 1 + sum(_score(other) > _score(row) for other in self.rows)
+
+
+def tracks_of(entries: Sequence[BoardEntry]) -> list[Track]:
+    """Group the agents of submissions by the variants that they played, because only these can be ranked.
+
+    Within a track, agents are ordered by Skill, then by strict accuracy.
+    """
+    tracks: dict[tuple[object, ...], list[BoardRow]] = {}
+    for entry in entries:
+        for agent, scores in entry.summary.by_agent.items():
+            row = BoardRow(agent, _model(entry.run.agents.get(agent, {})), _scaffold(entry.run, agent), scores, entry)
+            tracks.setdefault(_variants(entry), []).append(row)
+    return [
+        Track(_title(rows[0].entry), tuple(sorted(rows, key=_order)))
+        for _, rows in sorted(tracks.items(), key=lambda track: -len(track[1][0].entry.run.plan.scenes))
+    ]
+
+
+def _variants(entry: BoardEntry) -> tuple[object, ...]:
+    """Return what two submissions must share to be ranked together."""
+    plan, packs = entry.run.plan, entry.run.content_hashes()
+    variants = frozenset((key.scene, key.seed) for key in plan.matrix())
+    return (variants, frozenset(packs.items()), plan.budgets, plan.held_back, entry.summary.scoring_version)
+
+
+def _title(entry: BoardEntry) -> str:
+    plan = entry.run.plan
+    budgets = ", ".join(map(str, plan.budgets))
+    seeds = f"{len(plan.seeds)} {'held-back ' if plan.held_back else ''}seed{'s' if len(plan.seeds) > 1 else ''}"
+    scenes = f"{len(plan.scenes)} scene{'s' if len(plan.scenes) > 1 else ''}"
+    where = f" of {plan.split}" if plan.split else ""
+    return f"{scenes} × {seeds}{where}, budget {budgets}, scoring version {entry.summary.scoring_version}"
+
+
+def _score(row: BoardRow) -> tuple[float, float]:
+    skill, accuracy = row.scores.skill, row.scores.strict_accuracy
+    return (-math.inf if skill is None else skill, accuracy or 0.0)
+
+
+def _order(row: BoardRow) -> tuple[float, float, str]:
+    skill, accuracy = _score(row)
+    return (-skill, -accuracy, row.agent)
+
+
+def _model(facts: Mapping[str, JsonValue]) -> str:
+    match facts:
+        case {"provider": str(provider), "model": str(model)}:
+            return f"{provider}: {model}"
+        case {"model": str(model)}:
+            return model
+        case _:
+            return ""
+
+
+def _scaffold(run: RunRecord, agent: str) -> str:
+    """Return the parts of an agent's conditions that are not its model."""
+    plan = run.plan
+    kind = "external program" if agent.startswith("external") else "evaluator's loop"
+    parts = [kind, *plan.promptings, *(f"{name} calls" for name in plan.protocols)]
+    parts += [agent.partition("+")[2]] if "+" in agent else []
+    parts += [f"presentation {', '.join(plan.presentation)}"] if plan.presentation else []
+    parts += [f"observations {plan.observations}"] if plan.observations != "text" else []
+    return ", ".join(parts)
+
+
+def board_page(title: str, tracks: Sequence[Track]) -> str:
+    """Render the page, which loads nothing else."""
+    environment = Environment(
+        loader=PackageLoader("evaluator.report"),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    return environment.get_template("board.html.j2").render(title=title, tracks=tracks)
