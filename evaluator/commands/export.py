@@ -1,23 +1,35 @@
 """`physment-eval export`: converts a run to the formats of other programs."""
 
 import argparse
+import functools
+import sys
 from pathlib import Path
 
-from evaluator.commands.base import Commands, allow_modified, file_to_write, folder_to_write
+from evaluator.answers.keys import KeyRing
+from evaluator.commands.base import Commands, allow_modified, count_of, file_to_write, folder_to_write, run_async
 from evaluator.commands.overview import EXPORTS_GROUP, plugin
-from evaluator.errors import StoreError
+from evaluator.episode.connect import connect
+from evaluator.errors import StoreError, UsageError
+from evaluator.records.run import Plan, ServerRecord
+from evaluator.referee.tasks import WrittenSplit, has_parquet, write_tasks
+from evaluator.referee.variants import Variants
 from evaluator.report.parquet import write_parquet
 from evaluator.scores.scoring import read_graded
 from evaluator.store.run_folder import RunFolder
 from evaluator.study.integrity import seal_note
+from evaluator.study.provenance import run_record
+from evaluator.study.selection import parse_scenes
 
 _DESCRIPTION = """\
-Write a graded run for other programs.
+Write a graded run for other programs, or the tasks of the suite for trainers.
 
   physment-eval export runs/mine --to parquet   runs/mine/exchanges.parquet: a row for each exchange, for data frames
   physment-eval export runs/mine --to inspect   runs/mine/inspect/*.eval: logs of Inspect AI, one for each condition
 
-The first needs the extra `parquet`, the second the plugin physment-inspect. Nothing in the run folder is changed.
+  physment-eval export --to tasks --out my_tasks     my_tasks/*.jsonl: prompts, tools and references, with a data card
+
+The first needs the extra `parquet`, the second the plugin physment-inspect; with `parquet`, tasks are written in both
+formats. Nothing in the run folder is changed.
 """
 
 
@@ -29,13 +41,21 @@ def add(commands: Commands) -> None:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     export.set_defaults(run=_export)
-    export.add_argument("folder", type=Path, metavar="DIR", help="run folder")
-    export.add_argument("--to", required=True, choices=("parquet", "inspect"), help="which format")
-    export.add_argument("--out", metavar="PATH", help="file of parquet, folder of inspect")
+    export.add_argument("folder", type=Path, nargs="?", metavar="DIR", help="run folder; none for tasks")
+    export.add_argument("--to", required=True, choices=("parquet", "inspect", "tasks"), help="which format")
+    export.add_argument("--out", metavar="PATH", help="file of parquet, folder of inspect and tasks")
+    export.add_argument(
+        "--per-scene", type=count_of("seeds"), default=1, metavar="N", help="tasks: seeds of each scene (1)"
+    )
+    export.add_argument("--scenes", metavar="LIST", help="tasks: only these scenes, such as 7-20,easy (default: all)")
     allow_modified(export)
 
 
 def _export(args: argparse.Namespace) -> int:
+    if args.to == "tasks":
+        return _tasks(args)
+    if args.folder is None:
+        raise UsageError(f"export --to {args.to}: name a run folder")
     out = args.out and (folder_to_write if args.to == "inspect" else file_to_write)(args.out)
     folder = RunFolder(args.folder)
     run = folder.read_run()
@@ -52,3 +72,33 @@ def _export(args: argparse.Namespace) -> int:
         raise StoreError(f"{file.parent} cannot be written: {error.strerror}") from error
     print(f"{file}: {write_parquet(file, run, graded)} exchanges")
     return 0
+
+
+def _tasks(args: argparse.Namespace) -> int:
+    """Write the tasks of the suite.
+
+    Raises:
+        UsageError: A run folder is named, or no place to write to.
+        StoreError: The folder cannot be written.
+    """
+    if args.folder is not None or args.out is None:
+        raise UsageError("export --to tasks: takes no run folder, and writes into the folder --out DIR")
+    folder = Path(folder_to_write(args.out))
+    scenes = [files.scene_id for files in parse_scenes(args.scenes, None)] if args.scenes else None
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise StoreError(f"{folder} cannot be written: {error.strerror}") from error
+    for split in run_async(functools.partial(_written, folder, args.per_scene, scenes)):
+        print(f"{', '.join(map(str, split.files))}: {split.rows} tasks of {split.scenes} scenes")
+        for left_out in split.left_out:
+            print(f"  {left_out} is left out: its reference does not solve it")
+    if not has_parquet():
+        print("no Parquet files: pyarrow is not installed (pip install 'physment-mcp[parquet]')", file=sys.stderr)
+    return 0
+
+
+async def _written(folder: Path, per_scene: int, scenes: list[int] | None) -> list[WrittenSplit]:
+    record = run_record(Plan(scenes=(), agents=("reference",)), [], ServerRecord(option="host", protocol=""))
+    async with connect("host", None) as laboratory:
+        return await write_tasks(folder, laboratory, Variants(KeyRing(), record), per_scene, scenes)

@@ -119,12 +119,17 @@ class Variants:
         pool = pool_of(wanted, held_back=self._held_back, folder=self.keys.folder)
         scenes = pool.scenes[wanted.offset : wanted.offset + wanted.limit]
         try:
-            found = [self._facts(scene) for scene in scenes]
+            found = [self.facts(scene) for scene in scenes]
         except UsageError as error:
             raise RefusedRequest(404, str(error)) from error
         return VariantPage(pool.label, len(pool.scenes) * len(pool.seeds), len(pool.scenes), found)
 
-    def _facts(self, scene: int) -> SceneFacts:
+    def facts(self, scene: int) -> SceneFacts:
+        """Return the facts about a scene.
+
+        Raises:
+            UsageError: There is no such scene.
+        """
         key, category = self.keys.key(scene, 0), self.keys.facts(scene).category
         certificate = self._certified().get(scene)
         checks = {check.name: check.figures for check in certificate.checks} if certificate else {}
