@@ -81,6 +81,8 @@ class Tally:
 _MARKS = {Verdict.CORRECT: "[green]✓[/]", Verdict.INCORRECT: "[red]✗[/]", Verdict.UNSCORED: "[yellow]–[/]"}
 _MOST_ROWS = 120
 """Largest number of episodes that are listed individually in the terminal."""
+_WIDE = 100
+"""Columns of a terminal from which on the names of scenes are not wrapped at 16 columns."""
 
 
 class ProgressDisplay:
@@ -151,31 +153,32 @@ def _describe(episode: Episode, title: str) -> str:
 def print_results(console: Console, graded: GradedRun) -> None:
     """Print the results of a run: one row for each episode unless there are many, then the totals."""
     if len(graded.rows) <= _MOST_ROWS:
-        console.print(_episode_table(graded.rows))
+        console.print(_episode_table(graded.rows, narrow=console.width < _WIDE))
     for line in summary_lines(graded.summary, graded.rows):
         console.print(line, highlight=False, soft_wrap=True)
 
 
-def _episode_table(rows: Sequence[ScoredEpisode]) -> Table:
-    """Table with a row for each episode, and a column of agents if there are several."""
+def _episode_table(rows: Sequence[ScoredEpisode], *, narrow: bool) -> Table:
+    """Table with a row for each episode. Agents, budgets and outcomes have a column only if there are several."""
     table = Table(box=None, pad_edge=False)
-    several = len({row.key.agent for row in rows}) > 1
-    if several:
+    agents, budgets = (len({getattr(row.key, part) for row in rows}) > 1 for part in ("agent", "budget"))
+    outcomes = {row.episode.outcome for row in rows} != {Outcome.ANSWERED}
+    if agents:
         table.add_column("agent", overflow="fold")
-    table.add_column("scene", overflow="fold")
-    for title in ("seed", "budget", "iterations"):
+    table.add_column("scene", overflow="fold", max_width=16 if narrow else None)
+    for title in ("seed", *(["budget"] if budgets else []), "iterations"):
         table.add_column(title, justify="right")
-    for title in ("outcome", "answer", "", "reason"):
-        table.add_column(title, overflow="fold", min_width=16 if title == "answer" else None)
+    for title in (*(["outcome"] if outcomes else []), "answer", "", "reason"):
+        table.add_column(title, overflow="fold", min_width={"answer": 16, "reason": 12}.get(title))
     for row in sorted(rows, key=lambda row: (row.key.scene, row.key.seed, row.key.budget, row.key.agent)):
         key, episode, grade = row.key, row.episode, row.grade
         table.add_row(
-            *([Text(printable(key.agent))] if several else []),
+            *([Text(printable(key.agent))] if agents else []),
             Text(printable(row.scene_title)),
             str(key.seed),
-            str(key.budget),
+            *([str(key.budget)] if budgets else []),
             str(len(episode.turns)),
-            episode.outcome.value,
+            *([episode.outcome.value] if outcomes else []),
             Text(printable(_short(episode.answer))),
             _MARKS[grade.strict],
             Text(printable(episode.error or ("" if row.is_correct else grade.reason))),
