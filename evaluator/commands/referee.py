@@ -104,6 +104,12 @@ def add(commands: Commands) -> None:
 def _add_service(command: argparse.ArgumentParser) -> None:
     """Declare where and whom it serves, and what it knows and keeps."""
     command.add_argument(
+        "--shaping",
+        action="store_true",
+        help="add to each reward a list with the shaping reward of every call: by how much it lowers the logarithm of"
+        " the answer's error bound (takes seconds; off by default)",
+    )
+    command.add_argument(
         "--host", default="127.0.0.1", help="address to listen on (default 127.0.0.1; others need --token-env)"
     )
     command.add_argument(
@@ -255,6 +261,7 @@ async def _refereeing(
         run_record(plan, packs, server),
         rule,
         prover=SeedProver(packs, args.scenes_dir, host.seed_of, plan.held_back, skip=args.unproved),
+        shapes=args.shaping,
         max_episodes=args.max_episodes,
         max_wall_s=args.max_wall_time,
         difficulties=_difficulties(args.calibration),

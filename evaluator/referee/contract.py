@@ -135,6 +135,8 @@ class Reward:
     grade: Grade
     outcome: Outcome
     calls: int
+    shaping: list[float] | None = None
+    """Shaping reward of each call; None if it was not asked for or is not measurable."""
 
 
 _EXAMPLES = '{"scene": 7, "seed": 3}, {"split": "train", "index": 0} or {"split": "train", "random_seed": 5}'

@@ -32,6 +32,7 @@ from evaluator.referee.contract import EndedEpisode, OpenedEpisode, Reward, Vari
 from evaluator.referee.metrics import Metrics
 from evaluator.referee.proofs import proved_variant
 from evaluator.referee.recording import Recording
+from evaluator.referee.shaping import shaping_of
 from evaluator.referee.variants import Difficulty, VariantPage, Variants
 from evaluator.scores.scoring import grade_record
 from evaluator.store.run_folder import RunFolder
@@ -73,6 +74,8 @@ class Referee:
     rule: RewardRule = field(default_factory=RewardRule)
     prover: SeedProver | None = None
     """Proves seeds that no certificate covers before they are opened; None to open every seed."""
+    shapes: bool = False
+    """Whether rewards contain a shaping reward for each call."""
     folder: RunFolder | None = None
     """Run folder that records the episodes; None to record nothing."""
     max_episodes: int = 1000
@@ -281,8 +284,11 @@ class Referee:
         if played.outcome is Outcome.INFRASTRUCTURE_ERROR:
             raise InfrastructureError(played.error or "the host failed during the episode")
         grade, answer = await self._in_thread(functools.partial(self._compared, played))
-        cost = self.rule.cost(iterations, calls)
-        return Reward(self.rule.reward(answer, iterations, calls), answer, cost, grade, played.outcome, calls)
+        cost, shaping = self.rule.cost(iterations, calls), None
+        if self.shapes:
+            seed = self.host.seed_of(played.key.scene, played.key.seed)
+            shaping = await self._in_thread(functools.partial(shaping_of, played, seed, self.keys.folder))
+        return Reward(self.rule.reward(answer, iterations, calls), answer, cost, grade, played.outcome, calls, shaping)
 
     def _compared(self, played: Episode) -> tuple[Grade, AnswerReward]:
         """Return the grade of an episode, and the reward of its answer."""

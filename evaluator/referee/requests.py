@@ -208,6 +208,7 @@ def _reward(found: Reward) -> dict[str, Any]:
         "cost": found.cost,
         "outcome": found.outcome.value,
         "calls": found.calls,
+        **({} if found.shaping is None else {"shaping": found.shaping}),
     }
 
 

@@ -241,6 +241,19 @@ async def test_neither_the_seed_nor_the_key_is_in_what_a_trainer_gets(host_url: 
     assert str(key)[:6] not in rewarded.text
 
 
+async def test_shaping_rewards_the_calls_that_lower_the_bound_and_adds_up_to_nothing(host_url: str) -> None:
+    async with refereeing(host_url, shapes=True) as trainer:
+        opened = await trainer.open(seed=3)
+        played = await played_by_reference(opened, 7, 3)
+        found = (await trainer.reward(opened)).json()["shaping"]
+    tools = [exchange.call.tool for turn in played.turns for exchange in turn.exchanges]
+    assert len(found) == len(tools)
+    for tool, reward in zip(tools, found, strict=True):
+        assert (reward > 1) == (tool not in {"step", "answer"}), tool
+    assert found[-1] < 0
+    assert sum(found) == pytest.approx(0, abs=1e-9)
+
+
 async def test_no_more_episodes_are_open_than_allowed(host_url: str) -> None:
     async with refereeing(host_url, max_episodes=1) as trainer:
         opened = await trainer.open()

@@ -1,0 +1,50 @@
+"""Rewards for experiments: how much each call lowers the bound of the answer. Knows no HTTP and no server."""
+
+import math
+from itertools import pairwise
+from pathlib import Path
+
+from evaluator.certify.evidence import measured
+from evaluator.certify.subject import Subject
+from evaluator.records.episode import Episode
+from scenes import PackError, find_pack
+
+_LEAST, _MOST = 1e-3, 1e2
+"""Bounds beyond these count as these [tolerances]."""
+
+
+def shaping_of(episode: Episode, seed: int, folder: Path | None) -> list[float] | None:
+    """Return a shaping reward for each call of an episode, refused ones and the answer included.
+
+    The potential is -ln(b), where b is the largest Cramér-Rao bound of the answer in tolerances. A call gets the
+    difference of the potential, and the last call also the negative sum, because the potential ends where it began. The
+    rewards therefore add up to 0, and without discounting they change no optimal policy (Ng, Harada and Russell 1999).
+
+    Args:
+        episode: The ended episode.
+        seed: Its seed, also if it is held back.
+        folder: Folder of packs; None for the suite.
+
+    Returns:
+        The rewards; None if the evidence of the episode is not measurable.
+    """
+    try:
+        subject = Subject.open(find_pack(episode.key.scene, folder))
+    except PackError:
+        return None
+    evidence = measured(subject, seed, episode, "")
+    if evidence.not_measurable:
+        return None
+    bounds = {step.call: step.worst_bound for step in evidence.calls}
+    accepted = {id(exchange): number for number, (_, exchange) in enumerate(episode.accepted_calls(), start=1)}
+    potentials = [_potential(_MOST)]
+    for turn in episode.turns:
+        for exchange in turn.exchanges:
+            bound = bounds.get(accepted.get(id(exchange), 0))
+            potentials.append(potentials[-1] if bound is None else _potential(bound))
+    rewards = [after - before for before, after in pairwise(potentials)]
+    return [*rewards[:-1], rewards[-1] - sum(rewards)] if rewards else []
+
+
+def _potential(bound: float) -> float:
+    return -math.log(min(max(bound, _LEAST), _MOST))
