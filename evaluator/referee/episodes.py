@@ -276,25 +276,19 @@ class Referee:
         return found
 
     async def _reward(self, played: Episode, iterations: int, calls: int) -> Reward:
-        """Compute the reward of an episode.
-
-        Raises:
-            InfrastructureError: The server failed, so the episode says nothing about the agent.
-        """
+        """Compute the reward of an episode; raises `InfrastructureError` if the server failed."""
         if played.outcome is Outcome.INFRASTRUCTURE_ERROR:
             raise InfrastructureError(played.error or "the host failed during the episode")
-        grade, answer = await self._in_thread(functools.partial(self._compared, played))
-        cost, shaping = self.rule.cost(iterations, calls), None
-        if self.shapes:
-            seed = self.host.seed_of(played.key.scene, played.key.seed)
-            shaping = await self._in_thread(functools.partial(shaping_of, played, seed, self.keys.folder))
+        grade, answer, shaping = await self._in_thread(functools.partial(self._compared, played))
+        cost = self.rule.cost(iterations, calls)
         return Reward(self.rule.reward(answer, iterations, calls), answer, cost, grade, played.outcome, calls, shaping)
 
-    def _compared(self, played: Episode) -> tuple[Grade, AnswerReward]:
-        """Return the grade of an episode, and the reward of its answer."""
+    def _compared(self, played: Episode) -> tuple[Grade, AnswerReward, list[float] | None]:
+        """Return the grade of an episode, the reward of its answer, and the shaping rewards of its calls."""
         answer = played.answer if played.outcome is Outcome.ANSWERED else None
         key = self.keys.key(played.key.scene, played.key.seed)
-        return grade_record(played, self.keys).grade, answer_reward(answer, key)
+        shaping = shaping_of(played, self.host.seed_of, self.keys.folder) if self.shapes else None
+        return grade_record(played, self.keys).grade, answer_reward(answer, key), shaping
 
     async def close(self, episode_id: str, token: str) -> None:
         """Close an episode without a reward.

@@ -7,13 +7,14 @@ from pathlib import Path
 from evaluator.certify.evidence import measured
 from evaluator.certify.subject import Subject
 from evaluator.records.episode import Episode
+from evaluator.records.seed_key import SeedOf
 from scenes import PackError, find_pack
 
 _LEAST, _MOST = 1e-3, 1e2
 """Bounds beyond these count as these [tolerances]."""
 
 
-def shaping_of(episode: Episode, seed: int, folder: Path | None) -> list[float] | None:
+def shaping_of(episode: Episode, seed_of: SeedOf, folder: Path | None) -> list[float] | None:
     """Return a shaping reward for each call of an episode, refused ones and the answer included.
 
     The potential is -ln(b), where b is the largest Cramér-Rao bound of the answer in tolerances. A call gets the
@@ -22,7 +23,7 @@ def shaping_of(episode: Episode, seed: int, folder: Path | None) -> list[float] 
 
     Args:
         episode: The ended episode.
-        seed: Its seed, also if it is held back.
+        seed_of: Function that returns the seed of a recorded scene and seed.
         folder: Folder of packs; None for the suite.
 
     Returns:
@@ -32,7 +33,7 @@ def shaping_of(episode: Episode, seed: int, folder: Path | None) -> list[float] 
         subject = Subject.open(find_pack(episode.key.scene, folder))
     except PackError:
         return None
-    evidence = measured(subject, seed, episode, "")
+    evidence = measured(subject, seed_of(episode.key.scene, episode.key.seed), episode, "")
     if evidence.not_measurable:
         return None
     bounds = {step.call: step.worst_bound for step in evidence.calls}
