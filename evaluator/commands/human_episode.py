@@ -26,8 +26,8 @@ from scenes import PackFiles
 
 
 @dataclass(frozen=True, slots=True)
-class Variant:
-    """A variant of a scene, and the run folder in which it is recorded."""
+class PreparedEpisode:
+    """An episode that a person is about to play, and the run folder in which it is recorded."""
 
     files: PackFiles
     seed: int
@@ -44,7 +44,7 @@ class HumanPlay:
     keys: KeyRing
     console: Console
 
-    def variant(self, files: PackFiles, seed: int, path: Path) -> Variant:
+    def variant(self, files: PackFiles, seed: int, path: Path) -> PreparedEpisode:
         """Prepare a variant: its key must exist, and its run folder is created.
 
         Raises:
@@ -54,9 +54,9 @@ class HumanPlay:
         self.keys.key(files.scene_id, seed)
         folder = RunFolder(path)
         folder.create(resume=False)
-        return Variant(files, seed, folder)
+        return PreparedEpisode(files, seed, folder)
 
-    async def play(self, variant: Variant, agent: Agent, page: PageState | None = None) -> Episode:
+    async def play(self, variant: PreparedEpisode, agent: Agent, page: PageState | None = None) -> Episode:
         """Let the person play. `run.json` is written only if the person took a turn.
 
         Args:
@@ -86,7 +86,7 @@ class HumanPlay:
             variant.folder.write_run(record)
         return episode
 
-    def finish(self, variant: Variant, episode: Episode) -> Ending:
+    def finish(self, variant: PreparedEpisode, episode: Episode) -> Ending:
         """Record and grade an episode, and print its result. An episode without a turn is not recorded."""
         folder = variant.folder
         if episode.outcome is Outcome.AGENT_ERROR and not episode.turns:

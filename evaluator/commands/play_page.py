@@ -15,7 +15,7 @@ import uvicorn
 from evaluator.agents.browser.app import ABSENT_S, app
 from evaluator.agents.browser.player import BrowserAgent, Ending, PageState
 from evaluator.commands.base import listening, open_page, page_token, run_async
-from evaluator.commands.human_episode import HumanPlay, Variant, kept_if_used
+from evaluator.commands.human_episode import HumanPlay, PreparedEpisode, kept_if_used
 from scenes import PackError, PackFiles, is_world, list_packs
 from scenes.public import read_public
 
@@ -24,7 +24,7 @@ _LINGER_S = 1.0
 _LEAVING = (signal.SIGINT, signal.SIGTERM)
 
 
-def play_in_browser(play: HumanPlay, first: Variant, port: int, *, opens: bool) -> None:
+def play_in_browser(play: HumanPlay, first: PreparedEpisode, port: int, *, opens: bool) -> None:
     """Let the person play in the browser, until the page is closed or Ctrl-C.
 
     Args:
@@ -45,7 +45,7 @@ def play_in_browser(play: HumanPlay, first: Variant, port: int, *, opens: bool) 
         run_async(lambda: _serve(listener, token, play, first))
 
 
-async def _serve(listener: socket.socket, token: str, play: HumanPlay, first: Variant) -> None:
+async def _serve(listener: socket.socket, token: str, play: HumanPlay, first: PreparedEpisode) -> None:
     page = PageState()
     config = uvicorn.Config(
         app(page, token), log_config=None, log_level="warning", lifespan="off", timeout_graceful_shutdown=1
@@ -62,7 +62,7 @@ async def _serve(listener: socket.socket, token: str, play: HumanPlay, first: Va
         tasks.cancel_scope.cancel()
 
 
-async def _play_all(page: PageState, play: HumanPlay, first: Variant) -> None:
+async def _play_all(page: PageState, play: HumanPlay, first: PreparedEpisode) -> None:
     """Play the first variant, and then those that the person chooses on the page."""
     names = _folders(first.folder.path)
     variant = first
@@ -83,7 +83,7 @@ async def _play_all(page: PageState, play: HumanPlay, first: Variant) -> None:
         page.begin()
 
 
-def _with_choices(ending: Ending, variant: Variant, following: PackFiles | None) -> Ending:
+def _with_choices(ending: Ending, variant: PreparedEpisode, following: PackFiles | None) -> Ending:
     choices = {"seed": f"seed {variant.seed + 1}"}
     if following is not None:
         choices["scene"] = f"scene {following.scene_id}, {read_public(following).name}"
