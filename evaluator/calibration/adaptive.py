@@ -20,7 +20,7 @@ from evaluator.records.episode import Choice, EpisodeKey
 from evaluator.statistics.ability import (
     Ability,
     Array,
-    Difficulty,
+    SceneDifficulty,
     information,
     posterior_ability,
     scene_likelihood,
@@ -36,7 +36,7 @@ EXPOSED = 5
 class DifficultyTable(NamedTuple):
     """Difficulties of scenes."""
 
-    difficulties: Mapping[int, Difficulty]
+    difficulties: Mapping[int, SceneDifficulty]
     packs: Mapping[int, str]
     """Scene → content hash of the pack that was calibrated."""
     sha256: str
@@ -60,7 +60,7 @@ def read_difficulties(file: Path = DIFFICULTIES) -> DifficultyTable:
         found = Calibration.model_validate_json(content)
     except (OSError, ValueError) as error:
         raise UsageError(f"{file} cannot be read as a calibration: {reason_of(error)}") from error
-    difficulties = {one.scene: Difficulty(one.logits, one.se, found.spreads.variant) for one in found.scenes}
+    difficulties = {one.scene: SceneDifficulty(one.logits, one.se, found.spreads.variant) for one in found.scenes}
     packs = {one.scene: one.pack for one in found.scenes}
     return DifficultyTable(difficulties, packs, hashlib.sha256(content).hexdigest())
 
@@ -71,7 +71,7 @@ class AdaptiveTest:
 
     name: str
     """Name of the taker, from which the draws of the exposure control follow."""
-    difficulties: Mapping[int, Difficulty]
+    difficulties: Mapping[int, SceneDifficulty]
     target: float
     """Standard error of the ability at which the test ends [logits]."""
     waiting: list[EpisodeKey]

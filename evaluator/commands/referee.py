@@ -7,7 +7,7 @@ import json
 import os
 import socket
 import sys
-from collections.abc import AsyncGenerator
+from collections.abc import AsyncGenerator, Iterable
 from dataclasses import replace
 from pathlib import Path
 
@@ -17,7 +17,7 @@ import uvicorn
 
 from evaluator.answers.keys import KeyRing
 from evaluator.answers.rewards import RewardRule, Worth
-from evaluator.calibration.results import Calibration
+from evaluator.calibration.adaptive import DIFFICULTIES, read_difficulties
 from evaluator.certify.seed_proofs import SeedProver
 from evaluator.commands.base import (
     Commands,
@@ -31,12 +31,12 @@ from evaluator.commands.base import (
     unproved,
 )
 from evaluator.episode.connect import HostConnector, connect
-from evaluator.errors import InfrastructureError, UsageError, reason_of
+from evaluator.errors import InfrastructureError, UsageError
 from evaluator.records.run import Plan
 from evaluator.records.seed_key import SeedKey, seed_as_recorded
 from evaluator.referee.episodes import Referee
 from evaluator.referee.requests import app
-from evaluator.referee.variants import Difficulty
+from evaluator.statistics.ability import SceneDifficulty
 from evaluator.store.redaction import Redaction
 from evaluator.store.run_folder import RunFolder
 from evaluator.study.integrity import Sealing, read_seed_key
@@ -131,10 +131,10 @@ def _add_service(command: argparse.ArgumentParser) -> None:
         help="close an episode whose reward was not asked for within S s (3600)",
     )
     command.add_argument(
-        "--calibration",
+        "--difficulties",
         type=Path,
         metavar="FILE",
-        help="calibration.json of `physment-eval calibrate`, for the difficulties that GET /variants tells",
+        help="calibration.json of `calibrate --out`, for GET /variants (default: the one that ships)",
     )
     command.add_argument(
         "--seed-key",
@@ -161,19 +161,14 @@ def _referee(args: argparse.Namespace) -> int:
     return 0
 
 
-def _difficulties(file: Path | None) -> dict[int, Difficulty]:
-    """Read the difficulties of scenes from a calibration; none without a file.
+def _difficulties(file: Path | None, packs: Iterable[PackFiles]) -> dict[int, SceneDifficulty]:
+    """Difficulty of each of the packs that a calibration has; without a file, by the calibration that ships.
 
     Raises:
         UsageError: The file is not a calibration.
     """
-    if file is None:
-        return {}
-    try:
-        found = Calibration.model_validate_json(file.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
-        raise UsageError(f"--calibration {file}: {reason_of(error)}") from error
-    return {standing.scene: Difficulty(standing.logits, standing.se) for standing in found.scenes}
+    table = read_difficulties(file or DIFFICULTIES)
+    return {files.scene_id: table.difficulties[files.scene_id] for files in packs if table.holds(files)}
 
 
 def _token(args: argparse.Namespace) -> str | None:
@@ -264,7 +259,7 @@ async def _refereeing(
         shapes=args.shaping,
         max_episodes=args.max_episodes,
         max_wall_s=args.max_wall_time,
-        difficulties=_difficulties(args.calibration),
+        difficulties=_difficulties(args.difficulties, packs),
     )
     if args.out is None:
         yield referee

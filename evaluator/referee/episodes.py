@@ -33,8 +33,9 @@ from evaluator.referee.metrics import Metrics
 from evaluator.referee.proofs import proved_variant
 from evaluator.referee.recording import Recording
 from evaluator.referee.shaping import shaping_of
-from evaluator.referee.variants import Difficulty, VariantPage, Variants
+from evaluator.referee.variants import VariantPage, Variants
 from evaluator.scores.scoring import grade_record
+from evaluator.statistics.ability import SceneDifficulty
 from evaluator.store.run_folder import RunFolder
 
 T = TypeVar("T")
@@ -81,7 +82,7 @@ class Referee:
     max_episodes: int = 1000
     max_wall_s: float = 3600.0
     """Wall time after which an ungraded episode is closed [s]."""
-    difficulties: Mapping[int, Difficulty] = field(default_factory=dict[int, Difficulty])
+    difficulties: Mapping[int, SceneDifficulty] = field(default_factory=dict[int, SceneDifficulty])
     """Scene → its difficulty by a calibration."""
     variants: Variants = field(init=False)
     metrics: Metrics = field(default_factory=Metrics)

@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import NamedTuple
 
 from evaluator.answers.keys import KeyRing
 from evaluator.answers.rewards import chance_of_form
@@ -13,20 +12,13 @@ from evaluator.records.episode import EpisodeKey
 from evaluator.records.run import RunRecord
 from evaluator.referee.contract import Variant, WantedEpisode, WantedVariants, pool_of, variant_of
 from evaluator.scores.grouping import rung
+from evaluator.statistics.ability import SceneDifficulty
 from evaluator.study.provenance import played_worlds
 from scenes import ErratumEffect, default_folder, find_pack, is_world, pack_hash, place_of, reference_of
 
 
-class Difficulty(NamedTuple):
-    """Difficulty of a scene, estimated from the runs of other agents."""
-
-    logits: float
-    se: float
-    """Standard error [logits]."""
-
-
 @dataclass(frozen=True, slots=True)
-class SceneFacts:
+class PoolFacts:
     """What a trainer may know of a scene before it is played; nothing that follows from a key."""
 
     scene: int
@@ -45,7 +37,7 @@ class SceneFacts:
     reference_calls: float | None
     """Median number of calls of the reference protocol, where a certificate gives it."""
     difficulty: float | None
-    """Difficulty by the calibration that the referee was started with [logits]."""
+    """Difficulty by the calibration that the referee uses [logits]; None if it has not this pack."""
     difficulty_se: float | None
 
 
@@ -59,7 +51,7 @@ class VariantPage:
     """Number of its variants: scenes times seeds."""
     scenes: int
     """Number of its scenes."""
-    facts: list[SceneFacts]
+    facts: list[PoolFacts]
     """Of the scenes of the page, in ascending order."""
 
 
@@ -69,7 +61,7 @@ class Variants:
 
     keys: KeyRing
     record: RunRecord
-    difficulties: Mapping[int, Difficulty] = field(default_factory=dict[int, Difficulty])
+    difficulties: Mapping[int, SceneDifficulty] = field(default_factory=dict[int, SceneDifficulty])
     """Scene → its difficulty."""
     _certificates: dict[int, SceneCertificate] | None = None
 
@@ -124,7 +116,7 @@ class Variants:
             raise RefusedRequest(404, str(error)) from error
         return VariantPage(pool.label, len(pool.scenes) * len(pool.seeds), len(pool.scenes), found)
 
-    def facts(self, scene: int) -> SceneFacts:
+    def facts(self, scene: int) -> PoolFacts:
         """Return the facts about a scene.
 
         Raises:
@@ -136,7 +128,7 @@ class Variants:
         iterations = checks.get("difficulty", {}).get("iterations")
         calls = checks.get("instrument", {}).get("calls")
         estimate = self.difficulties.get(scene)
-        return SceneFacts(
+        return PoolFacts(
             scene=scene,
             world=reference_of(scene) if is_world(scene) else None,
             level=place_of(scene)[0] if is_world(scene) else None,

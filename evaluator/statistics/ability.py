@@ -28,7 +28,7 @@ _RESTS, _DEVIATIONS, _REACH = 11, 9, 4.0
 [standard deviations]."""
 
 
-class Difficulty(NamedTuple):
+class SceneDifficulty(NamedTuple):
     """The difficulty of a scene, as a calibration found it [logits]."""
 
     logits: float
@@ -63,11 +63,11 @@ def normal_grid(points: int) -> tuple[Array, Array]:
     return at, np.log(weight / weight.sum())
 
 
-def scene_likelihood(difficulty: Difficulty, answers: Answers) -> Array:
+def scene_likelihood(difficulty: SceneDifficulty, answers: Answers) -> Array:
     """Return the logarithm of the likelihood of the answers in one scene, at each ability of the grid."""
     if len(answers) == 1:
         # The error and the deviation of a single variant are one normal variable.
-        difficulty = Difficulty(difficulty.logits, 0.0, math.hypot(difficulty.se, difficulty.variant_sd))
+        difficulty = SceneDifficulty(difficulty.logits, 0.0, math.hypot(difficulty.se, difficulty.variant_sd))
     rests, rest_weights = normal_grid(_RESTS if difficulty.se else 1)
     deviations, deviation_weights = normal_grid(_DEVIATIONS if difficulty.variant_sd else 1)
     shift = difficulty.se * rests[:, None] + difficulty.variant_sd * deviations
@@ -103,10 +103,10 @@ def ability_of(chosen: Sequence[tuple[int, int, Choice, bool]]) -> Ability:
     Args:
         chosen: Scene, seed, reason of the choice, and whether the answer is right, for each scored episode.
     """
-    difficulties: dict[int, Difficulty] = {}
+    difficulties: dict[int, SceneDifficulty] = {}
     counts: defaultdict[int, dict[int, tuple[int, int]]] = defaultdict(dict)
     for scene, seed, choice, is_right in chosen:
-        difficulties[scene] = Difficulty(choice.difficulty, choice.difficulty_se, choice.variant_sd)
+        difficulties[scene] = SceneDifficulty(choice.difficulty, choice.difficulty_se, choice.variant_sd)
         right, answers = counts[scene].get(seed, (0, 0))
         counts[scene][seed] = (right + is_right, answers + 1)
     return posterior_ability(
@@ -114,7 +114,7 @@ def ability_of(chosen: Sequence[tuple[int, int, Choice, bool]]) -> Ability:
     )
 
 
-def information(difficulties: Sequence[Difficulty], answers: Sequence[int], ability: float) -> Array:
+def information(difficulties: Sequence[SceneDifficulty], answers: Sequence[int], ability: float) -> Array:
     """Return the Fisher information about an ability that one more answer in each scene gives [1/logit²].
 
     The error of a scene's difficulty is shared by its answers, so that each further one gives less.

@@ -15,7 +15,7 @@ from evaluator.calibration.model import Spreads
 from evaluator.calibration.results import Calibration, SceneStanding
 from evaluator.records.episode import Choice, EpisodeKey
 from evaluator.statistics.ability import (
-    Difficulty,
+    SceneDifficulty,
     ability_of,
     information,
     posterior_ability,
@@ -38,7 +38,7 @@ def chance(logits: float) -> float:
 
 
 def test_the_likelihood_of_two_variants_integrates_over_the_scene_and_both_variants() -> None:
-    found = scene_likelihood(Difficulty(0.5, 0.4, 0.6), {0: (1, 1), 1: (1, 3)})
+    found = scene_likelihood(SceneDifficulty(0.5, 0.4, 0.6), {0: (1, 1), 1: (1, 3)})
     at, weights = np.polynomial.hermite_e.hermegauss(60)
     weights = weights / weights.sum()
     for place, ability in ((MIDDLE, 0.0), (MIDDLE + 8, 1.2)):
@@ -48,7 +48,7 @@ def test_the_likelihood_of_two_variants_integrates_over_the_scene_and_both_varia
 
 
 def test_a_single_variant_is_as_unknown_as_scene_and_variant_together() -> None:
-    found = scene_likelihood(Difficulty(0.5, 0.4, 0.6), {3: (1, 1)})[MIDDLE]
+    found = scene_likelihood(SceneDifficulty(0.5, 0.4, 0.6), {3: (1, 1)})[MIDDLE]
     direct = quad(lambda z: norm.pdf(z) * chance(-0.5 - math.hypot(0.4, 0.6) * z), -8, 8)[0]
     assert found == pytest.approx(math.log(direct), abs=1e-4)
 
@@ -65,15 +65,15 @@ def test_without_answers_the_ability_is_the_prior_and_right_answers_raise_it() -
 
 
 def test_information_is_greatest_where_the_chance_is_even_and_less_for_each_further_answer_in_a_scene() -> None:
-    exact = [Difficulty(place, 0.0, 0.0) for place in (-2.0, 0.0, 1.0)]
+    exact = [SceneDifficulty(place, 0.0, 0.0) for place in (-2.0, 0.0, 1.0)]
     p = np.array([chance(1.0 - one.logits) for one in exact])
     assert information(exact, [0, 3, 0], 1.0) == pytest.approx(p * (1 - p))
-    unsure = [Difficulty(0.0, 0.5, 0.0)] * 3
+    unsure = [SceneDifficulty(0.0, 0.5, 0.0)] * 3
     first, second, tenth = information(unsure, [0, 1, 9], 0.0)
     assert first == pytest.approx(0.25 / (1 + 0.25 * 0.25))
     assert first > second > tenth
     # All answers of a scene together tell the ability no better than its difficulty is known.
-    assert information([Difficulty(0.0, 0.5, 0.0)] * 500, range(500), 0.0).sum() == pytest.approx(4.0, rel=0.05)
+    assert information([SceneDifficulty(0.0, 0.5, 0.0)] * 500, range(500), 0.0).sum() == pytest.approx(4.0, rel=0.05)
 
 
 def keys_of(scenes: range, seeds: int = 1) -> list[EpisodeKey]:
@@ -81,7 +81,7 @@ def keys_of(scenes: range, seeds: int = 1) -> list[EpisodeKey]:
 
 
 def a_test(name: str = "a", target: float = 0.0) -> AdaptiveTest:
-    difficulties = {scene: Difficulty((scene - 20) / 5, 0.0, 0.0) for scene in range(41)}
+    difficulties = {scene: SceneDifficulty((scene - 20) / 5, 0.0, 0.0) for scene in range(41)}
     return AdaptiveTest(name, difficulties, target, keys_of(range(41), 2))
 
 

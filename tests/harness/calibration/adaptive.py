@@ -13,7 +13,7 @@ import numpy as np
 from evaluator.calibration.adaptive import AdaptiveTest
 from evaluator.calibration.model import fit
 from evaluator.records.episode import EpisodeKey
-from evaluator.statistics.ability import Ability, Difficulty
+from evaluator.statistics.ability import Ability, SceneDifficulty
 from tests.harness.calibration.coverage import Design, drawn
 
 CALIBRATED = Design(30, seeds=3)
@@ -27,7 +27,7 @@ TARGET = 0.3
 class Laboratory(NamedTuple):
     """A simulated suite: what is known of its scenes, and what is true."""
 
-    known: dict[int, Difficulty]
+    known: dict[int, SceneDifficulty]
     logits: np.ndarray
     """The true difficulty of each scene, relative to their mean."""
 
@@ -50,7 +50,7 @@ def laboratory(source: np.random.Generator) -> Laboratory:
     found = fit(one.data, one.features)
     middle = found.difficulty.mean()
     known = {
-        scene: Difficulty(float(logits - middle), float(se), found.spreads.variant)
+        scene: SceneDifficulty(float(logits - middle), float(se), found.spreads.variant)
         for scene, (logits, se) in enumerate(zip(found.difficulty, found.difficulty_se, strict=True))
     }
     return Laboratory(known, one.difficulty - one.difficulty.mean())
