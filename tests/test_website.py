@@ -42,7 +42,7 @@ def pages(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_every_page_is_on_the_site_and_in_its_navigation_once(pages: Path) -> None:
     entries = [
         (page.parent / f"{name}.md").resolve()
-        for page in (pages / "index.md", pages / "decisions" / "README.md")
+        for page in (pages / "index.md", pages / "decisions" / "README.md", pages / "reference" / "scenes.md")
         for name in re.findall(r"^.+ <([^>]+)>$", page.read_text(encoding="utf-8"), re.MULTILINE)
     ]
     assert len(entries) == len(set(entries))

@@ -70,7 +70,7 @@ def test_the_command_on_the_page_plays_a_study_of_four_budgets_fifty_at_a_time(
 
 
 @pytest.mark.parametrize(
-    ("page", "number"), [(PAGE, 6), (MACHINES, 4), (FORK, 2), (WATCH, 2)], ids=["study", "machines", "fork", "watch"]
+    ("page", "number"), [(PAGE, 7), (MACHINES, 4), (FORK, 2), (WATCH, 2)], ids=["study", "machines", "fork", "watch"]
 )
 def test_every_command_on_a_page_is_valid(
     page: str, number: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
