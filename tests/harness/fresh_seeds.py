@@ -1,9 +1,9 @@
-"""Are seeds sound that nobody chose? They follow from the hash of each pack: a changed one has others.
+"""Is the reference right on seeds that nobody chose? They follow from the hash of each pack: a changed one has others.
 
-Proves the first seed of every scene as a run does, then the second, and so on. `--out` keeps each verdict, so an
-interrupted run continues. `fresh_seeds.json` beside this module is the committed summary: for each scene the hash of
-its pack, how many of its seeds were proved, and which failed. Its first 1,370 verdicts were of the reference's answers
-alone. A pack that has not changed since is not proved again:
+Plays the reference in memory: the first seed of every scene, then the second, and so on. `--out` keeps each verdict, so
+an interrupted run continues. `fresh_seeds.json` beside this module is the committed summary: for each scene the hash of
+its pack, how many of its seeds were played, and at which the reference was wrong. A pack that has not changed since is
+not played again. `evaluator.certify.seed_proofs` demands more of a seed before it is played:
 python -m tests.harness.fresh_seeds [--scenes SEL] [--count N] [--workers N] [--out FILE]
 """
 
@@ -21,10 +21,11 @@ from typing import TypedDict
 import anyio
 
 from evaluator.certify.parallel import in_processes
-from evaluator.certify.seed_proofs import prove
+from evaluator.certify.subject import Subject
+from evaluator.certify.verify import MemoryConnector, play_reference
 from evaluator.store.durable import append_line
 from evaluator.study.selection import parse_scenes
-from scenes import PackFiles, pack_hash
+from scenes import PackFiles, default_folder, pack_hash
 from tests.builders.paths import ROOT
 
 
@@ -35,14 +36,17 @@ def seeds_of(pack: str, count: int) -> list[int]:
 
 
 def verdict(files: PackFiles, seed: int) -> dict[str, object]:
-    """Whether a seed is proved, and why not."""
-    failed = [one for one in prove(files, seed) if not one.passed]
-    reasons = [reason for one in failed for reason in one.reasons]
-    return {"pack": pack_hash(files), "scene": files.scene_id, "seed": seed, "right": not failed, "reasons": reasons}
+    """Return the reference's answer at a seed, its key, and whether the answer is right."""
+    subject = Subject.open(files)
+    episode = anyio.run(play_reference, subject, seed, MemoryConnector(default_folder()))
+    key = subject.truth(subject.draw(seed))
+    right = episode.answer is not None and subject.agrees(episode.answer, key)
+    return {"pack": pack_hash(files), "scene": files.scene_id, "seed": seed, "right": right,
+            "answer": episode.answer, "key": key}  # fmt: skip
 
 
 async def play(jobs: Iterable[tuple[PackFiles, int]], workers: int, out: Path) -> None:
-    """Prove in parallel processes; every verdict is on disk as soon as it is there."""
+    """Play in parallel processes; every verdict is on disk as soon as it is there."""
 
     def done(_job: tuple[PackFiles, int], found: dict[str, object]) -> None:
         append_line(out, json.dumps(found).encode())
@@ -54,7 +58,7 @@ SUMMARY = Path(__file__).with_name("fresh_seeds.json")
 
 
 def main() -> int:
-    """Prove, write the summary, and print the seeds that fail."""
+    """Play, write the summary, and print the scenes in which the reference is wrong."""
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0] if __doc__ else None)
     parser.add_argument("--scenes", metavar="SEL", help="such as 7-111 (default: all)")
     parser.add_argument("--count", type=int, default=60, help="seeds of each scene (default: 60)")
@@ -78,14 +82,14 @@ def main() -> int:
         found = _rows(packs, there | _kept(options.out), options.count)
         SUMMARY.write_text(json.dumps(_stored_rows() | found, indent=0) + "\n", encoding="utf-8")
     wrong = {scene: row["wrong"] for scene, row in found.items() if row["wrong"]}
-    print(f"all {options.count} seeds are proved in {len(packs) - len(wrong)} of {len(packs)} scenes")
+    print(f"right on all {options.count} seeds in {len(packs) - len(wrong)} of {len(packs)} scenes")
     for scene, seeds in wrong.items():
-        print(f"scene {scene}: not proved: {', '.join(map(str, seeds))}")
+        print(f"scene {scene}: wrong at {', '.join(map(str, seeds))}")
     return 1 if wrong else 0
 
 
 class Row(TypedDict):
-    """What is known of one scene: the first `played` of its seeds were proved, but for `wrong`."""
+    """What is known of one scene: how many of its first seeds were played, and at which the reference was wrong."""
 
     pack: str
     played: int
