@@ -185,7 +185,7 @@ def test_a_load_that_reaches_the_catch_slowly_stays_for_the_whole_laboratory_tim
     author: Author, files: PackFiles
 ) -> None:
     def slow(pack: dict[str, Any]) -> None:
-        pack["limits"] |= {"force": 0.02, "lab_time": 60}
+        pack["limits"] |= {"force": 0.02, "lab_time": 20}
 
     author.edit(files, slow)
     assert checked(files, 1).passed
