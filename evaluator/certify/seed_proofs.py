@@ -2,7 +2,8 @@
 
 A variant is proved if theory and engine agree on its key and the reference protocol finds it (certificate `key`), if
 its initial readings are those of seed 0 (`twins`), and if initial contacts are not deep and energy does not increase
-(`sane`). Proofs are cached by the hash of the pack and the seed.
+(`sane`). Proofs are cached by the hash of the pack and the seed, but failures are not, because they may have another
+cause, such as too little memory.
 """
 
 import functools
@@ -138,8 +139,9 @@ class SeedProver:
         def done(job: tuple[PackFiles, int], checks: tuple[Check, ...]) -> None:
             files, seed = job
             self._known[files.scene_id, seed] = proof = self._proof(files, seed, checks)
-            with suppress(StoreError):  # without a cache the next start proves again
-                append_line(_cache_file(proof.pack), proof.model_dump_json().encode())
+            if not proof.failed:
+                with suppress(StoreError):  # without a cache the next start proves again
+                    append_line(_cache_file(proof.pack), proof.model_dump_json().encode())
             on_proof(proof)
 
         for variant in wanted.keys() & self._known.keys():

@@ -53,7 +53,7 @@ def scene_page(
         picture,
         f"**Task.** {escaped(public.task)}",
         f"**Answer.** {escaped(listing.answer) or 'not described'}",
-        markdown_table(("object", "name", "may be read", "may be moved"), _objects(public)),
+        markdown_table(("object", "name", "may be read", "may be acted on"), _objects(public)),
         f"Limits:\n\n{limits}".rstrip() if limits else "No limits but those of every laboratory.",
         "\n".join(f"- {fact}" for fact in _facts(listing, certificate, engine)),
         f"```sh\nphysment-eval play {number} --web      # solve it yourself\n"

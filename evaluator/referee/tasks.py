@@ -99,7 +99,10 @@ async def write_tasks(
         except OSError as error:
             raise StoreError(f"{folder} cannot be written: {error.strerror or error}") from error
         done.append(written)
-    (folder / "README.md").write_text(card(done, per_scene), encoding="utf-8")
+    try:
+        (folder / "README.md").write_text(card(done, per_scene), encoding="utf-8")
+    except OSError as error:
+        raise StoreError(f"{folder} cannot be written: {error.strerror or error}") from error
     return done
 
 

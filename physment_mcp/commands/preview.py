@@ -166,16 +166,25 @@ class _Host:
         return _json({"text": content.model_dump()["text"]})
 
     async def call(self, request: "Request") -> "Response":
-        """Call a tool and return its result, as a client passes it to the app."""
-        wanted: Any = await request.json()
-        result = await self.client.call_tool(str(wanted["tool"]), dict(wanted["arguments"]))
+        """Call a tool and return its result, as a client passes it to the app; 400 and a sentence for another body."""
+        from mcp.shared.exceptions import MCPError  # noqa: PLC0415
+
+        try:
+            wanted: Any = await request.json()
+            tool, arguments = str(wanted["tool"]), dict(wanted["arguments"])
+        except (ValueError, TypeError, KeyError):
+            return _json({"error": 'the body must be {"tool": NAME, "arguments": {…}}'}, 400)
+        try:
+            result = await self.client.call_tool(tool, arguments)
+        except MCPError as error:
+            return _json({"error": str(error)}, 400)
         return _json(result.model_dump(mode="json", by_alias=True, exclude_none=True))
 
 
-def _json(content: Any) -> "Response":
+def _json(content: Any, status: int = 200) -> "Response":
     from starlette.responses import JSONResponse  # noqa: PLC0415
 
-    return JSONResponse(content, headers=_HEADERS)
+    return JSONResponse(content, status, headers=_HEADERS)
 
 
 async def _admit_all(_path: str) -> None:

@@ -165,6 +165,15 @@ def test_a_proof_is_kept_for_its_pack(files: PackFiles, cache: Path) -> None:
     assert prove_seeds(run, plan_of(run))[1].proved == {"7": (good,)}
 
 
+def test_a_failure_is_not_cached(files: PackFiles, cache: Path) -> None:
+    good, bad = light(files, range(3, 99))[0], heavy(files, range(3, 99))[0]
+    run = config(files, [good, bad])
+    with pytest.raises(UsageError, match=f"seed {bad} cannot be proved"):
+        prove_seeds(run, plan_of(run))
+    (file,) = cache.iterdir()
+    assert [json.loads(line)["seed"] for line in file.read_text(encoding="utf-8").splitlines()] == [good]
+
+
 def test_neither_cache_nor_message_tells_a_held_back_seed_or_its_key(
     files: PackFiles, cache: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -178,7 +187,8 @@ def test_neither_cache_nor_message_tells_a_held_back_seed_or_its_key(
     assert replaced[0] == bad
     written = "".join(file.read_text(encoding="utf-8") for file in cache.iterdir())
     shown = written + capsys.readouterr().err + proofs.model_dump_json()
-    assert f'"seed":{bad}' in written
+    assert f'"seed":{replaced[1]},' in written
+    assert f'"seed":{bad},' not in written
     assert not [seed for seed in seeds.values() if str(seed) in shown]
     assert str(mass(files, seeds[bad])) not in shown
 

@@ -37,6 +37,12 @@ def test_the_page_calls_tools_and_reads_the_view_for_this_machine_alone(address:
         assert step["structuredContent"]["sim_time"] == 0.8
         assert step["_meta"]["physment/view"]["poses"]["object_1"][2] == pytest.approx(26.86, abs=0.01)
         assert http.post("call", json={"tool": "step", "arguments": {"duration": -1}}).json()["isError"]
+        for body in ("no JSON", "[]", '{"tool": "step"}', '{"tool": "step", "arguments": 3}'):
+            refused = http.post("call", content=body)
+            assert (refused.status_code, list(refused.json())) == (400, ["error"]), body
+        unknown = http.post("call", json={"tool": "genie", "arguments": {}})
+        assert unknown.status_code in {200, 400}
+        assert "genie" in unknown.text
         assert '"time":' in http.get("view").json()["text"]
         # Shown outside a frame, the app still has no access to this origin.
         assert http.get("app").headers["content-security-policy"] == "sandbox allow-scripts"
