@@ -36,7 +36,6 @@ from evaluator.records.run import Plan
 from evaluator.records.seed_key import SeedKey, seed_as_recorded
 from evaluator.referee.episodes import Referee
 from evaluator.referee.requests import app
-from evaluator.statistics.ability import SceneDifficulty
 from evaluator.store.redaction import Redaction
 from evaluator.store.run_folder import RunFolder
 from evaluator.study.integrity import Sealing, read_seed_key
@@ -161,14 +160,15 @@ def _referee(args: argparse.Namespace) -> int:
     return 0
 
 
-def _difficulties(file: Path | None, packs: Iterable[PackFiles]) -> dict[int, SceneDifficulty]:
-    """Difficulty of each of the packs that a calibration has; without a file, by the calibration that ships.
+def _difficulties(file: Path | None, packs: Iterable[PackFiles]) -> dict[int, tuple[float, float]]:
+    """Difficulty and standard error of each pack that a calibration has; without a file, by the calibration that ships.
 
     Raises:
         UsageError: The file is not a calibration.
     """
     table = read_difficulties(file or DIFFICULTIES)
-    return {files.scene_id: table.difficulties[files.scene_id] for files in packs if table.holds(files)}
+    found = {files.scene_id: table.difficulties[files.scene_id] for files in packs if table.holds(files)}
+    return {scene: (difficulty.logits, difficulty.se) for scene, difficulty in found.items()}
 
 
 def _token(args: argparse.Namespace) -> str | None:

@@ -35,7 +35,6 @@ from evaluator.referee.recording import Recording
 from evaluator.referee.shaping import shaping_of
 from evaluator.referee.variants import VariantPage, Variants
 from evaluator.scores.scoring import grade_record
-from evaluator.statistics.ability import SceneDifficulty
 from evaluator.store.run_folder import RunFolder
 
 T = TypeVar("T")
@@ -82,8 +81,8 @@ class Referee:
     max_episodes: int = 1000
     max_wall_s: float = 3600.0
     """Wall time after which an ungraded episode is closed [s]."""
-    difficulties: Mapping[int, SceneDifficulty] = field(default_factory=dict[int, SceneDifficulty])
-    """Scene → its difficulty by a calibration."""
+    difficulties: Mapping[int, tuple[float, float]] = field(default_factory=dict[int, tuple[float, float]])
+    """Scene → its difficulty by a calibration and the standard error of it [logits]."""
     variants: Variants = field(init=False)
     metrics: Metrics = field(default_factory=Metrics)
     recording: Recording = field(default_factory=Recording)

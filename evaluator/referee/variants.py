@@ -12,7 +12,6 @@ from evaluator.records.episode import EpisodeKey
 from evaluator.records.run import RunRecord
 from evaluator.referee.contract import Variant, WantedEpisode, WantedVariants, pool_of, variant_of
 from evaluator.scores.grouping import rung
-from evaluator.statistics.ability import SceneDifficulty
 from evaluator.study.provenance import played_worlds
 from scenes import ErratumEffect, default_folder, find_pack, is_world, pack_hash, place_of, reference_of
 
@@ -61,8 +60,8 @@ class Variants:
 
     keys: KeyRing
     record: RunRecord
-    difficulties: Mapping[int, SceneDifficulty] = field(default_factory=dict[int, SceneDifficulty])
-    """Scene → its difficulty."""
+    difficulties: Mapping[int, tuple[float, float]] = field(default_factory=dict[int, tuple[float, float]])
+    """Scene → its difficulty and the standard error of it [logits]."""
     _certificates: dict[int, SceneCertificate] | None = None
 
     @property
@@ -127,7 +126,7 @@ class Variants:
         checks = {check.name: check.figures for check in certificate.checks} if certificate else {}
         iterations = checks.get("difficulty", {}).get("iterations")
         calls = checks.get("instrument", {}).get("calls")
-        estimate = self.difficulties.get(scene)
+        difficulty, error = self.difficulties.get(scene, (None, None))
         return PoolFacts(
             scene=scene,
             world=reference_of(scene) if is_world(scene) else None,
@@ -138,8 +137,8 @@ class Variants:
             chance=chance_of_form(key.spec),
             reference_iterations=int(iterations) if isinstance(iterations, int | float) else None,
             reference_calls=float(calls) if isinstance(calls, int | float) else None,
-            difficulty=estimate.logits if estimate else None,
-            difficulty_se=estimate.se if estimate else None,
+            difficulty=difficulty,
+            difficulty_se=error,
         )
 
     def _certified(self) -> dict[int, SceneCertificate]:

@@ -15,7 +15,6 @@ from evaluator.referee.contract import MOST_IN_GROUP, WantedVariants
 from evaluator.referee.episodes import Referee
 from evaluator.referee.requests import app
 from evaluator.referee.variants import Variants
-from evaluator.statistics.ability import SceneDifficulty
 from scenes.splits import splits
 from tests.builders.referee_client import referee_client
 from tests.builders.worlds import write_worlds
@@ -73,7 +72,7 @@ async def test_a_size_that_no_group_has_is_refused(host_url: str, count: object)
 
 
 async def test_facts_about_a_split_tell_what_a_scene_asks_and_nothing_of_its_key(host_url: str) -> None:
-    async with refereeing(host_url, difficulties={7: SceneDifficulty(-1.5, 0.25, 0.1)}) as trainer:
+    async with refereeing(host_url, difficulties={7: (-1.5, 0.25)}) as trainer:
         found = (await trainer.http.get("/variants", params={"split": "train"})).json()
         train = splits()["train"]
         assert (found["split"], found["scenes"], found["variants"]) == (train.label, 54, 54 * len(train.seeds))
