@@ -249,6 +249,17 @@ def test_the_index_of_the_decisions_has_a_line_for_every_record() -> None:
         assert (folder / name).read_text(encoding="utf-8").startswith(f"# {number}. ")
 
 
+def test_no_file_has_the_marks_of_an_unresolved_merge() -> None:
+    marked = [
+        file
+        for folder in ("docs", "integrations", "website")
+        for file in (ROOT / folder).rglob("*")
+        if file.suffix in {".md", ".py", ".toml", ".yaml"}
+        and re.search(r"^(<{7}|>{7}) ", file.read_text(encoding="utf-8"), re.MULTILINE)
+    ]
+    assert marked == []
+
+
 @pytest.mark.parametrize("guide", GUIDES)
 def test_every_path_link_and_make_target_that_a_guide_names_exists(guide: str) -> None:
     text = (ROOT / guide).read_text(encoding="utf-8")

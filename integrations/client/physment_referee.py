@@ -82,6 +82,8 @@ class Reward:
     """Probability that a blind guess is right."""
     cost: float = 0.0
     """Deduction for iterations and calls."""
+    shaping: tuple[float, ...] | None = None
+    """How much each call lowered the error bound; None without `referee --shaping`. Not for the agent."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -208,7 +210,7 @@ def _sentence(error: urllib.error.HTTPError) -> str:
 
 
 def _reward(found: dict[str, Any]) -> Reward:
-    return Reward(**found | {"parts": tuple(found.get("parts", ()))})
+    return Reward(**{name: tuple(value) if isinstance(value, list) else value for name, value in found.items()})
 
 
 def _given(**values: Any) -> dict[str, Any]:

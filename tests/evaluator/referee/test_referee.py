@@ -125,7 +125,7 @@ async def test_a_scene_whose_pack_is_withdrawn_is_not_opened(host_url: str) -> N
 
 async def test_replies_have_the_fields_that_the_shared_client_reads(host_url: str) -> None:
     client = referee_client()
-    async with refereeing(host_url) as trainer:
+    async with refereeing(host_url, shapes=True) as trainer:
         opened = await trainer.open()
         given = (await trainer.reward(opened, GIVE_UP)).json()
     assert opened.keys() == {one.name for one in fields(client.OpenedEpisode)}
