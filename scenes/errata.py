@@ -47,7 +47,7 @@ _ENTRIES = TypeAdapter(tuple[Erratum, ...])
 
 
 def read_errata(folder: Path) -> tuple[Erratum, ...]:
-    """Read the known faults of packs from a folder; empty without a file.
+    """Return the known faults of the packs in a folder; an empty result if the folder has no file of errata.
 
     Args:
         folder: Folder of packs.

@@ -130,7 +130,7 @@ class Pair:
             return float(joint(knobs, slip(other), other if self.held == 0 else speed))
 
         def excess(other: float) -> float:
-            """Return the coupling force on the other body, divided by its resistance."""
+            """Return the net force on the other body: that of the joint minus its own drag."""
             return float(
                 (1.0 if self.held == 0 else -n) * passed(other) - self._resisted(structure, knobs, 1 - self.held, other)
             )

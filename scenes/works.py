@@ -157,7 +157,7 @@ def refitted(
 
 
 def cheapest(fits: Mapping[str, Refit], count: int) -> Refit:
-    """Return the best-fit structure, by chi-square plus the logarithm of the number of points per constant.
+    """Return the structure with the smallest Bayesian information criterion: chi-square + constants · ln(points).
 
     Args:
         fits: The fit of each structure.

@@ -171,10 +171,10 @@ def _check_opened(args: argparse.Namespace) -> None:
 
 
 def _id_prefix(text: str) -> str:
-    """Return the prefix for ids of episodes, with its dot.
+    """Return the name of a server as a prefix of its episode ids, including the trailing dot.
 
     Raises:
-        ArgumentTypeError: The name cannot stand in a path, or could be part of an id without a prefix.
+        ArgumentTypeError: The name has other characters than letters and digits, or more than 32.
     """
     if not _NAME.fullmatch(text):
         raise argparse.ArgumentTypeError(f"{text}: write at most 32 letters and digits")

@@ -167,10 +167,10 @@ class EpisodeSlot:
             reopen: Opens an episode by scene id, if clients choose the scene.
             scene_ids: Ids of the scenes that can be opened; by default the open one.
             list_scenes: Lists the scenes that can be opened; by default the open one.
-            watch: Creates the frames for results; None for results without frames.
+            watch: Creates the source of images for results; None for results without images.
             gone: Why there is no episode and none can be opened; None otherwise.
-            find_visibility: Returns the visibility of a scene, for clients that show the app; None without the app.
-            scheduler: Shared by the episodes of a server; None for a single episode.
+            find_visibility: Returns what a client may display of a scene, for the app; None without the app.
+            scheduler: Decides which episode of a server simulates next; None for a single episode.
         """
         self.session = session
         self.reopen = reopen

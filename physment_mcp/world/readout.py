@@ -162,7 +162,7 @@ class Sensors(NamedTuple):
         return self.readout.rounded("position", self.data.xipos[self._id(body)] + self._noise("position", body))
 
     def twist(self, body: str) -> Twist:
-        """Spin, and velocity of the centre of mass, world axes."""
+        """Angular velocity, and linear velocity of the centre of mass, both along the world axes."""
         true = readings.twist(self.model, self.data, self._id(body))
         return Twist(
             self.readout.rounded("spin", true.angular + self._noise("spin", body)),

@@ -189,7 +189,7 @@ class Candidates:
         return self._kept.setdefault("library", found)
 
     def _column(self, term: Term, masses: Mapping[str, Any], values: dict[str, Any], samples: int) -> Array:
-        """Effect of a term on the legs for sampled constants."""
+        """Changes of velocity that a term causes during each push, for sampled values of its constants."""
         own = {name: np.broadcast_to(masses[name], samples) for name in ("m", "m2") if name in masses}
         with np.errstate(all="ignore"):
             return np.nan_to_num(self.whitened.legs.columns(term, own | values, samples))

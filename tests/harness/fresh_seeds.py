@@ -89,7 +89,7 @@ def main() -> int:
 
 
 class Row(TypedDict):
-    """What is known of one scene: how many of its first seeds were played, and at which the reference was wrong."""
+    """The result for one scene: how many of its first seeds were played, and the seeds at which the reference agent failed."""
 
     pack: str
     played: int

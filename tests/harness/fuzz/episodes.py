@@ -72,8 +72,8 @@ def play_scene(scene: int, count: int, seed: int, *, most_failures: int = 3) -> 
     Args:
         scene: Id of the scene.
         count: Number of calls.
-        seed: Of all that is drawn.
-        most_failures: After this many failures, stop.
+        seed: Seed of the random generator.
+        most_failures: Number of failures after which to stop.
     """
     tally = Tally()
     while (left := count - tally.calls.total()) > 0 and len(tally.failures) < most_failures:

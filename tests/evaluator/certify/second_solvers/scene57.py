@@ -1,4 +1,4 @@
-"""Computes the effect of the push in question from both friction coefficients, without making that push.
+"""Computes the effect of the push that the task asks about from both friction coefficients, without applying that push.
 
 The blocks are set in motion in opposite directions to measure the coefficients.
 """
