@@ -1,4 +1,4 @@
-"""Tests of the tutorial on a policy: its program runs as shown, and the learned policy scores higher than random play."""
+"""Tests of the tutorial on a policy: its program runs as shown, and its policy scores higher than random play."""
 
 import re
 

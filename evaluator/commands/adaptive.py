@@ -1,4 +1,4 @@
-"""`run --adaptive`: plays episodes in stages. The results of all earlier stages decide which episodes the next one plays."""
+"""`run --adaptive`: plays episodes in stages; the results of earlier stages decide what the next one plays."""
 
 import sys
 from collections.abc import Mapping, Sequence

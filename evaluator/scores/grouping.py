@@ -179,8 +179,10 @@ def skill(accuracy: float, blind: float) -> float | None:
 
 
 def skill_interval(accuracy: Interval, blind: float) -> Interval | None:
-    """Rescale the confidence interval of an accuracy to the skill score. The accuracy of a blind guess is computed and not
-    estimated, so it adds no uncertainty."""
+    """Rescale the confidence interval of an accuracy to the skill score.
+
+    The accuracy of a blind guess is computed and not estimated, so it adds no uncertainty.
+    """
     low, high = skill(accuracy.low, blind), skill(accuracy.high, blind)
     return None if low is None or high is None else Interval(low=low, high=high)
 

@@ -158,8 +158,10 @@ def _sane(key: Array) -> Flags:
 def _less(
     structure: Structure, constants: Mapping[str, float], part: tuple[int, int | None]
 ) -> tuple[Structure, dict[str, float]]:
-    """Return the structure without a part, and its constants. Names of constants contain the index of their term, so those
-    of later terms change."""
+    """Return the structure without a part, and its constants.
+
+    Names of constants contain the index of their term, so those of later terms change.
+    """
     fewer, renamed = structure.without(*part)
     return fewer, {new: value for name, value in constants.items() if (new := renamed(name)) is not None}
 

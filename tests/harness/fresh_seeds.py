@@ -89,7 +89,7 @@ def main() -> int:
 
 
 class Row(TypedDict):
-    """The result for one scene: how many of its first seeds were played, and the seeds at which the reference agent failed."""
+    """The result for one scene: how many of its seeds were played, and those at which the reference failed."""
 
     pack: str
     played: int
