@@ -13,6 +13,7 @@ from evaluator.errors import StoreError, UsageError
 from evaluator.records.run import Plan, ServerRecord
 from evaluator.referee.tasks import WrittenSplit, has_parquet, write_tasks
 from evaluator.referee.variants import Variants
+from evaluator.report.every_eval_ever import Source, write_every_eval_ever
 from evaluator.report.parquet import write_parquet
 from evaluator.scores.scoring import read_graded
 from evaluator.store.run_folder import RunFolder
@@ -25,6 +26,10 @@ Write a graded run for other programs, or the tasks of the suite for trainers.
 
   physment-eval export runs/mine --to parquet   runs/mine/exchanges.parquet: a row for each exchange, for data frames
   physment-eval export runs/mine --to inspect   runs/mine/inspect/*.eval: logs of Inspect AI, one for each condition
+
+  physment-eval export runs/mine --to every-eval-ever --organization "Example University"
+                                                runs/mine/data/physment/…: results and episodes in the format of
+                                                Every Eval Ever, without answer keys
 
   physment-eval export --to tasks --out my_tasks     my_tasks/*.jsonl: prompts, tools and references, with a data card
 
@@ -42,8 +47,17 @@ def add(commands: Commands) -> None:
     )
     export.set_defaults(run=_export)
     export.add_argument("folder", type=Path, nargs="?", metavar="DIR", help="run folder; none for tasks")
-    export.add_argument("--to", required=True, choices=("parquet", "inspect", "tasks"), help="which format")
-    export.add_argument("--out", metavar="PATH", help="file of parquet, folder of inspect and tasks")
+    export.add_argument(
+        "--to", required=True, choices=("parquet", "inspect", "every-eval-ever", "tasks"), help="which format"
+    )
+    export.add_argument("--out", metavar="PATH", help="file of parquet, folder of the other formats")
+    export.add_argument("--organization", metavar="NAME", help="every-eval-ever: who reports the results")
+    export.add_argument(
+        "--relationship",
+        choices=("first_party", "third_party", "collaborative", "other"),
+        default="third_party",
+        help="every-eval-ever: of this organization to the makers of the model (third_party)",
+    )
     export.add_argument(
         "--per-scene", type=count_of("seeds"), default=1, metavar="N", help="tasks: seeds of each scene (1)"
     )
@@ -56,7 +70,9 @@ def _export(args: argparse.Namespace) -> int:
         return _tasks(args)
     if args.folder is None:
         raise UsageError(f"export --to {args.to}: name a run folder")
-    out = args.out and (folder_to_write if args.to == "inspect" else file_to_write)(args.out)
+    if args.to == "every-eval-ever" and not args.organization:
+        raise UsageError("export --to every-eval-ever: state who reports the results: --organization NAME")
+    out = args.out and (file_to_write if args.to == "parquet" else folder_to_write)(args.out)
     folder = RunFolder(args.folder)
     run = folder.read_run()
     seal_note(folder, trust=args.allow_modified)
@@ -64,6 +80,10 @@ def _export(args: argparse.Namespace) -> int:
     if args.to == "inspect":
         write = plugin(EXPORTS_GROUP, args.to, "export --to inspect")
         print(*write(out or folder.path / "inspect", run, graded), sep="\n")
+        return 0
+    if args.to == "every-eval-ever":
+        source = Source(args.organization, args.relationship)
+        print(*write_every_eval_ever(Path(out or folder.path), run, graded, source), sep="\n")
         return 0
     file = out or folder.path / "exchanges.parquet"
     try:

@@ -1,0 +1,111 @@
+"""Tests of the export to Every Eval Ever: accuracies per collection, whole episodes, and no answer keys."""
+
+import hashlib
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from evaluator.commands.program import main
+from evaluator.records.episode import Episode, GradeRecord, Verdict
+from evaluator.records.run import Plan, RunRecord, ServerRecord
+from evaluator.report.every_eval_ever import Source, write_every_eval_ever
+from tests.builders.records import RIGHT, STARTED_AT, WRONG, episode, episode_key, refused, returned, skipped, turn
+
+KEY = 3.14159
+TURNS = (
+    turn("I look.", returned("get_position", {"sim_time": 0.5, "position": [0, 0, 1]}, object_id="object_1")),
+    turn("", refused("step", "too long", duration=9), skipped("step", duration=1)),
+)
+
+
+def graded(scene: int, verdict: Verdict = Verdict.CORRECT, agent: str = "model:a/b") -> tuple[Episode, GradeRecord]:
+    grade = RIGHT if verdict is Verdict.CORRECT else WRONG.model_copy(update={"strict": verdict})
+    played = episode(*TURNS, key=episode_key(scene, agent=agent), answer=[1, "m"])
+    return played, GradeRecord(key=played.key, grade=grade, answer_key=KEY, grader_version="3", pack_version="0")
+
+
+def run_of(*agents: str) -> RunRecord:
+    return RunRecord(
+        created_at=STARTED_AT,
+        plan=Plan(scenes=(7, 8, 201), agents=agents),
+        agents={"model:a/b": {"provider": "openai", "model": "a/b: new"}},
+        server=ServerRecord(option="host"),
+        versions={"physment-mcp": "0.2.0"},
+    )
+
+
+def written(folder: Path, agent: str = "model:a/b") -> tuple[dict[str, Any], list[dict[str, Any]], str]:
+    pairs = [graded(7, agent=agent), graded(8, Verdict.INCORRECT, agent), graded(9, Verdict.UNSCORED, agent)]
+    pairs += [graded(201, agent=agent)]
+    whole, samples = write_every_eval_ever(folder, run_of(agent), pairs, Source("Example University"))
+    text = samples.read_text(encoding="utf-8")
+    return json.loads(whole.read_text(encoding="utf-8")), [json.loads(line) for line in text.splitlines()], text
+
+
+def test_each_collection_has_its_accuracy_with_an_interval(tmp_path: Path) -> None:
+    record, _, _ = written(tmp_path)
+    suite, open_worlds = record["evaluation_results"]
+    assert (suite["evaluation_name"], open_worlds["evaluation_name"]) == ("physment", "physment-open-worlds")
+    score = suite["score_details"]
+    assert score["score"] == 0.5
+    assert score["details"] == {"episodes": "3", "scored": "2", "scenes": "2"}
+    interval = score["uncertainty"]["confidence_interval"]
+    assert interval["lower"] < 0.5 < interval["upper"]
+    assert open_worlds["score_details"]["score"] == 1.0
+
+
+def test_samples_are_whole_and_refer_to_their_result(tmp_path: Path) -> None:
+    record, samples, text = written(tmp_path)
+    about = record["detailed_evaluation_results"]
+    assert about["total_rows"] == len(samples) == 4
+    assert about["checksum"] == hashlib.sha256(text.encode()).hexdigest()
+    assert (tmp_path / about["file_path"]).is_file()
+    results = {result["evaluation_result_id"] for result in record["evaluation_results"]}
+    assert {sample["evaluation_result_id"] for sample in samples} == results
+    assert {sample["evaluation_id"] for sample in samples} == {record["evaluation_id"]}
+    first = samples[0]
+    assert [message["role"] for message in first["messages"]] == [
+        "user",
+        "assistant",
+        "tool",
+        "assistant",
+        *["tool"] * 2,
+    ]
+    assert first["messages"][1]["tool_calls"][0]["arguments"] == {"object_id": "object_1"}
+    assert first["messages"][-1]["content"].startswith("Not run.")
+    assert first["answer_attribution"][0]["extracted_value"] == '[1, "m"]'
+    assert [sample["evaluation"]["is_correct"] for sample in samples] == [True, False, False, True]
+
+
+def test_no_file_holds_an_answer_key(tmp_path: Path) -> None:
+    record, samples, text = written(tmp_path)
+    assert str(KEY) not in text + json.dumps(record)
+    assert all(sample["input"]["reference"] == [] for sample in samples)
+    assert all(sample["metadata"]["canary"].startswith("physment-canary-") for sample in samples)
+
+
+@pytest.mark.parametrize(
+    ("agent", "model"),
+    [
+        ("model:a/b", "a/b--new"),
+        ("random", "physment/random"),
+        ("../..", "-/-"),
+        ("/", "-/-"),
+    ],
+)
+def test_a_model_names_its_folder_and_cannot_leave_it(tmp_path: Path, agent: str, model: str) -> None:
+    pairs = [graded(7, agent=agent)]
+    whole, _ = write_every_eval_ever(tmp_path, run_of(agent), pairs, Source("Example University"))
+    assert json.loads(whole.read_text(encoding="utf-8"))["model_info"]["id"] == model
+    assert whole.parent == tmp_path / "data" / "physment" / model
+
+
+def test_a_second_export_gives_the_same_ids(tmp_path: Path) -> None:
+    assert written(tmp_path)[0] == written(tmp_path)[0]
+
+
+def test_who_reports_must_be_stated(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["export", str(tmp_path), "--to", "every-eval-ever"]) == 2
+    assert "--organization NAME" in capsys.readouterr().err
