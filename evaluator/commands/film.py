@@ -15,8 +15,9 @@ from rich.progress import Progress
 from evaluator.certify.parallel import in_processes
 from evaluator.certify.viewed_episode import viewed_episode, viewing
 from evaluator.commands.base import Commands, count_of, run_async, seed_key
+from evaluator.commands.film_webp import WEBP, write_animations
 from evaluator.errors import UsageError
-from evaluator.films import film_of
+from evaluator.films.filming import film_of
 from evaluator.records.episode import Episode, EpisodeKey, Outcome
 from evaluator.report.attachments import FILMS, film_file, own_folder, regular_file
 from evaluator.report.film_record import MOST_BYTES, read, written
@@ -35,12 +36,13 @@ in a small file. If the laboratory returns anything but what is stored, to the l
 
   physment-eval film runs/mine                              every episode that has no film yet
   physment-eval film runs/mine --episodes scene=7,seed=3    some of them
+  physment-eval film runs/mine --episode 28 --webp          also as an animated image, of scene 28
   physment-eval film runs/mine --reveal                     for authors: with all that is hidden, from the start
   physment-eval report runs/mine                            then shows them in its notebooks
 
---episodes takes conditions, separated by commas: {", ".join(CONDITIONS)}. The films are in DIR/{FILMS}; keep that
-folder beside the report. A film made with --reveal shows what agents must not see, and says so. Exit code: 1 if a film
-was refused.
+--episodes takes the number of a scene, or conditions, separated by commas: {", ".join(CONDITIONS)}. The films
+are in DIR/{FILMS}; keep that folder beside the report. Animated images are in DIR/{WEBP} and need libosmesa6.
+A film made with --reveal shows what agents must not see, and says so. Exit code: 1 if a film was refused.
 """
 
 
@@ -54,6 +56,9 @@ def add(commands: Commands) -> None:
     command.set_defaults(run=_film)
     command.add_argument("folder", type=Path, metavar="DIR", help="run folder")
     command.add_argument("--episodes", default="", metavar="NAME=VALUE,…", help="which episodes (default: all)")
+    command.add_argument(
+        "--webp", action="store_true", help="also write each film as an animated WebP image, with the calls below it"
+    )
     command.add_argument(
         "--reveal", action="store_true", help="show all bodies, also those that are hidden or withheld"
     )
@@ -78,17 +83,19 @@ def _film(args: argparse.Namespace) -> int:
     if args.episodes:
         episodes = meeting(episodes, args.episodes, "--episodes", folder)
     refused = _make(folder, episodes, args)
-    for sentence in refused:
+    for sentence in refused.values():
         print(f"physment-eval: {sentence}", file=sys.stderr)
     print(
         f"{len(episodes) - len(refused)} films in {folder.path / FILMS}; physment-eval report {args.folder} shows them"
     )
+    if args.webp:
+        write_animations(folder, [one for one in episodes if one.key not in refused], args.scenes_dir, args.workers)
     return 1 if refused else 0
 
 
-def _make(folder: RunFolder, episodes: Sequence[Episode], args: argparse.Namespace) -> list[str]:
+def _make(folder: RunFolder, episodes: Sequence[Episode], args: argparse.Namespace) -> dict[EpisodeKey, str]:
     """Make the missing films; returns an error message for each episode that cannot be filmed."""
-    hashes, seed_of, refused = folder.line_hashes(), seeds_of(folder, args.seed_key), list[str]()
+    hashes, seed_of, refused = folder.line_hashes(), seeds_of(folder, args.seed_key), dict[EpisodeKey, str]()
     own_folder(folder.path / FILMS)
     files = {episode.key: film_file(folder.path, hashes[episode.key]) for episode in episodes}
     missing = [one for one in episodes if not _is_made(files[one.key], hashes[one.key], revealed=args.reveal)]
@@ -104,7 +111,7 @@ def _make(folder: RunFolder, episodes: Sequence[Episode], args: argparse.Namespa
 
         def on_done(episode: Episode, made: bytes | str) -> None:
             if isinstance(made, str):
-                refused.append(made)
+                refused[episode.key] = made
             else:
                 durable.replace(files[episode.key], made)
             progress.advance(task)

@@ -1,36 +1,20 @@
-"""Renders pictures of scenes in worker processes, and writes the gallery that shows them.
-
-A missing or broken graphics library may crash the process that loads it, and MuJoCo selects the library only once, when
-it is imported. Therefore this process never renders.
-"""
+"""Renders pictures of scenes in worker processes, and writes the gallery that shows them."""
 
 import base64
-import multiprocessing
 import os
-import sys
 from collections.abc import Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor
-from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
 from pathlib import Path
 from urllib.parse import quote
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
+from evaluator.certify.renderer import renderers
 from evaluator.errors import UsageError
 from evaluator.pages.scene_table import page_name
 from evaluator.report.notebook import pictures_folder, thumbnails
 from evaluator.scores.grouping import NO_RUNG
 from scenes import Category, Pack, PackFiles, Rung
-
-RENDERER = "MUJOCO_GL"
-"""Environment variable with which MuJoCo selects its graphics library."""
-_OFF_SCREEN = ("osmesa", "egl")
-"""Libraries that render off-screen. `osmesa` needs no graphics card and renders equally on every machine."""
-
-
-class NoRenderer(Exception):
-    """No library on this machine renders off-screen; the message is one sentence."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,46 +36,12 @@ def draw_pictures(packs: Sequence[PackFiles], jobs: int) -> Mapping[int, Picture
     Raises:
         NoRenderer: No library on this machine renders off-screen.
     """
-    chosen = os.environ.get(RENDERER)
-    tried = (chosen,) if chosen else _OFF_SCREEN
-    for renderer in tried:
-        pool = ProcessPoolExecutor(
-            jobs, mp_context=multiprocessing.get_context("spawn"), initializer=_prepare, initargs=(renderer,)
-        )
-        with pool:
-            try:
-                if pool.submit(_draws).result():
-                    return dict(zip((files.scene_id for files in packs), pool.map(_draw, packs), strict=True))
-            except BrokenProcessPool:
-                continue
-    raise NoRenderer(
-        f"no pictures: nothing draws off-screen here ({RENDERER} as {' or '.join(tried)}); install libosmesa6,"
-        " or leave them out with --no-pictures"
-    )
-
-
-def _prepare(renderer: str) -> None:
-    """Select the graphics library before MuJoCo is imported, and discard the output of a broken one."""
-    os.environ[RENDERER] = renderer
-    sys.stdout.flush()
-    sys.stderr.flush()
-    silent = os.open(os.devnull, os.O_WRONLY)
-    os.dup2(silent, 1)
-    os.dup2(silent, 2)
-
-
-def _draws() -> bool:
-    try:
-        from evaluator.certify.pictures import check_renderer  # noqa: PLC0415 - after the choice of the library, only in a worker process
-
-        check_renderer()
-    except Exception:  # noqa: BLE001 - each library raises different errors
-        return False
-    return True
+    with renderers(jobs) as pool:
+        return dict(zip((files.scene_id for files in packs), pool.map(_draw, packs), strict=True))
 
 
 def _draw(files: PackFiles) -> Picture:
-    from evaluator.certify.pictures import draw_scene  # noqa: PLC0415 - as above
+    from evaluator.certify.pictures import draw_scene  # noqa: PLC0415 - after the choice of the library, only in a worker process
 
     try:
         return Picture(*draw_scene(files))

@@ -9,8 +9,9 @@ from typing import Any, cast
 
 from evaluator.certify.difficulty import ReferenceTurn, Transcript, play
 from evaluator.certify.records import read_certificates
+from evaluator.certify.renderer import NoRenderer
 from evaluator.errors import UsageError
-from evaluator.pages.pictures import NoRenderer, Picture, draw_pictures
+from evaluator.pages.pictures import Picture, draw_pictures
 from evaluator.pages.scene_page import scene_page
 from evaluator.pages.scene_table import PICTURES, SCENES_PAGE, SMALL, Listing, Steps, page_name, scenes_page
 from scenes import Pack, PackError, PackFiles, PublicPack, read_pack, same_pack
@@ -256,7 +257,7 @@ def _drawn(packs: Sequence[PackFiles], jobs: int, written: Written) -> Mapping[i
     try:
         pictures = draw_pictures(packs, jobs)
     except NoRenderer as reason:
-        written.unpictured = str(reason)
+        written.unpictured = f"{reason}, or leave them out with --no-pictures"
         return dict[int, Picture]()
     written.faults += [
         f"scene {scene} has no picture: {picture.fault}" for scene, picture in pictures.items() if picture.fault

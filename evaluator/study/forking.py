@@ -25,6 +25,7 @@ from scenes import reference_of
 
 CONDITIONS = ("scene", "seed", "agent", "budget", "prompting", "protocol", "epoch")
 """Names of the conditions that `--episode` accepts: fields of an episode's key."""
+_SCENE = re.compile(r"\d+|world:\d+:\d+")
 _CONDITION = re.compile(rf"(?:^|,)\s*({'|'.join(CONDITIONS)})=")
 
 
@@ -137,7 +138,7 @@ def select_episodes(folder: RunFolder, text: str, turn: int) -> list[Episode]:
 
     Args:
         folder: The run.
-        text: Conditions such as `scene=7,seed=3`, as `--episode` takes them.
+        text: A scene or conditions such as `scene=7,seed=3`, as `--episode` takes them.
         turn: Number of turns to replay.
 
     Raises:
@@ -169,7 +170,7 @@ def meeting(episodes: Sequence[Episode], text: str, option: str, folder: RunFold
 
     Args:
         episodes: Episodes to choose from.
-        text: Conditions such as `scene=7,seed=3`.
+        text: A scene such as `7`, or conditions such as `scene=7,seed=3`.
         option: Name of the command line option that holds `text`, for error messages.
         folder: Run folder of the episodes, for error messages.
 
@@ -200,11 +201,16 @@ def _last(episode: Episode) -> int:
 
 
 def _conditions(text: str, option: str) -> dict[str, str]:
+    if _SCENE.fullmatch(text):
+        return {"scene": text}
     found = list(_CONDITION.finditer(text))
     ends = [*(match.start() for match in found[1:]), len(text)][: len(found)]
     wanted = {match[1]: text[match.end() : end].strip() for match, end in zip(found, ends, strict=True)}
     if not found or found[0].start() != 0 or not all(wanted.values()):
-        raise UsageError(f"{option} {text}: write conditions such as scene=7,seed=3; they are {', '.join(CONDITIONS)}")
+        raise UsageError(
+            f"{option} {text}: write the number of a scene, or write conditions such as scene=7,seed=3; they are"
+            f" {', '.join(CONDITIONS)}"
+        )
     return wanted
 
 

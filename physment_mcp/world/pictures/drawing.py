@@ -4,6 +4,9 @@ Use it in a separate process: a missing or broken graphics library may crash the
 selects the library when it is imported, by the environment variable MUJOCO_GL.
 """
 
+from collections.abc import Collection, Mapping, Sequence
+from typing import NamedTuple
+
 import mujoco
 import numpy as np
 
@@ -20,6 +23,10 @@ _LARGE = 12.0
 _FAR = 60.0
 """A view this many times wider than the smallest movable object would show it too small; farther objects are
 omitted."""
+_LEVEL = 0.7
+"""Smallest vertical component of the z axis of a geom that points upwards."""
+_NOTHING = View(np.zeros(3), 4.0, 2.0)
+"""View of a model without geoms."""
 
 
 def staged(mjcf: str) -> tuple[mujoco.MjModel, mujoco.MjData]:
@@ -50,6 +57,19 @@ def unlit(mjcf: str) -> mujoco.MjSpec:
     return spec
 
 
+def placed(model: mujoco.MjModel, data: mujoco.MjData, poses: Mapping[str, Sequence[float]]) -> None:
+    """Put bodies of a model written by `picture_model` at poses: position [m] and quaternion, 7 numbers."""
+    for name, pose in poses.items():
+        body = model.body(name)
+        joint = int(body.jntadr[0])
+        if joint >= 0:
+            start = int(model.jnt_qposadr[joint])
+            data.qpos[start : start + 7] = pose
+        else:
+            body.pos[:], body.quat[:] = pose[:3], pose[3:]
+    mujoco.mj_forward(model, data)
+
+
 def started(model: mujoco.MjModel) -> mujoco.MjData:
     """Return the initial state of a model."""
     data = mujoco.MjData(model)
@@ -57,9 +77,55 @@ def started(model: mujoco.MjModel) -> mujoco.MjData:
     return data
 
 
-def view_on(model: mujoco.MjModel, data: mujoco.MjData, aspect: float = WIDTH / HEIGHT) -> View:
-    """Return the view that frames a model, which must not be empty; `aspect` is the width over the height."""
-    return view_of(_subject(model, data), aspect)
+class GeomBox(NamedTuple):
+    """Bounding box of a geom at one moment."""
+
+    geom: int
+    corners: Array
+    """Corners (8, 3), world axes [m]; 2 m long along infinite directions."""
+    is_level: bool
+    """Whether the z axis of the geom points upwards."""
+
+
+def boxes_of(model: mujoco.MjModel, data: mujoco.MjData) -> list[GeomBox]:
+    """Return the boxes of all geoms."""
+    return [
+        GeomBox(geom, corners_of(model, data, geom), bool(data.geom_xmat[geom][8] > _LEVEL))
+        for geom in range(model.ngeom)
+    ]
+
+
+class Extras(NamedTuple):
+    """What a view frames besides the objects of a scene."""
+
+    made: Collection[str] = ()
+    """Names of objects that an agent has made."""
+    marks: Sequence[Array] = ()
+    """Corners (8, 3) of boxes around movable objects that the model does not contain [m]."""
+    points: Sequence[Array] = ()
+    """Further points (n, 3) [m]."""
+
+
+NO_EXTRAS = Extras()
+
+
+def view_on(
+    model: mujoco.MjModel,
+    boxes: Sequence[GeomBox],
+    aspect: float = WIDTH / HEIGHT,
+    extras: Extras = NO_EXTRAS,
+) -> View:
+    """Return the view that frames a model.
+
+    Args:
+        model: The model.
+        boxes: Boxes of its geoms, at one moment or at several.
+        aspect: Width of the image over its height.
+        extras: What is to be shown besides.
+    """
+    if not boxes and not extras.marks and not extras.points:
+        return _NOTHING
+    return view_of(_subject(model, boxes, extras), aspect)
 
 
 def free_camera(view: View) -> mujoco.MjvCamera:
@@ -84,28 +150,39 @@ def drawn(model: mujoco.MjModel, data: mujoco.MjData, view: View) -> Pixels:
 def check_renderer() -> None:
     """Render a test image; if that is impossible, raises the error of the graphics library."""
     model, data = staged('<mujoco><worldbody><geom size="1"/></worldbody></mujoco>')
-    drawn(model, data, View(np.zeros(3), 4.0, 2.0))
+    drawn(model, data, _NOTHING)
 
 
-def _subject(model: mujoco.MjModel, data: mujoco.MjData) -> FramedParts:
+def _subject(model: mujoco.MjModel, boxes: Sequence[GeomBox], extras: Extras) -> FramedParts:
     """Return the corners of the bounding boxes of the main objects, and of each part of the surroundings."""
+    made, marks, points = extras
     # An unbounded plane has no bounding box; it is drawn behind the rest.
-    bounded = [geom for geom in range(model.ngeom) if model.geom_rbound[geom] > 0] or list(range(model.ngeom))
-    boxes = {geom: corners_of(model, data, geom) for geom in bounded}
-    named = [geom for geom in bounded if model.body(model.geom_bodyid[geom]).name.startswith("object_")] or bounded
-    moving = [_size(boxes[geom]) for geom in named if model.body_weldid[model.geom_bodyid[geom]] != 0]
+    bounded = [box for box in boxes if model.geom_rbound[box.geom] > 0] or list(boxes)
+    names = {box.geom: model.body(model.geom_bodyid[box.geom]).name for box in bounded}
+    objects = [box for box in bounded if names[box.geom].startswith("object_") or names[box.geom] in made]
+    named = objects if objects or marks or points else bounded
+    moving = [_size(box.corners) for box in named if model.body_weldid[model.geom_bodyid[box.geom]] != 0]
+    moving += [_size(mark) for mark in marks]
     largest, farthest = (_LARGE * max(moving), _FAR * min(moving)) if moving else (np.inf, np.inf)
-    parts = [boxes[geom] for geom in named if _size(boxes[geom]) <= largest]
-    things = parts.pop(0)
-    while parts:
-        grown = [np.concatenate([things, part]) for part in parts]
-        nearest = min(range(len(parts)), key=lambda place: _size(grown[place]))
-        if _size(grown[nearest]) > farthest:
-            break
-        things = grown[nearest]
-        parts.pop(nearest)
-    surroundings = [boxes[geom] for geom in bounded if geom not in named or _size(boxes[geom]) > largest]
+    parts = [*(box.corners for box in named if _size(box.corners) <= largest), *marks, *points]
+    things, kept = _near(parts, farthest), {box.geom for box in named}
+    surroundings = [box.corners for box in bounded if box.geom not in kept or _size(box.corners) > largest]
     return FramedParts(things, surroundings, max(moving) if moving else _size(things))
+
+
+def _near(parts: Sequence[Array], farthest: float) -> Array:
+    """Join parts with the first one, the nearest next, as long as the whole is not larger than `farthest` [m]."""
+    lows, highs = (np.array([bound(part, axis=0) for part in parts]) for bound in (np.min, np.max))
+    low, high, chosen = lows[0], highs[0], [0]
+    left = list(range(1, len(parts)))
+    while left:
+        sizes = (np.maximum(highs[left], high) - np.minimum(lows[left], low)).max(axis=1)
+        nearest = int(np.argmin(sizes))
+        if sizes[nearest] > farthest:
+            break
+        chosen.append(left.pop(nearest))
+        low, high = np.minimum(low, lows[chosen[-1]]), np.maximum(high, highs[chosen[-1]])
+    return np.concatenate([parts[place] for place in chosen])
 
 
 def _size(corners: Array) -> float:

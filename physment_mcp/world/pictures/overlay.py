@@ -4,6 +4,7 @@ Positions are (x, y) in pixels from the upper left corner.
 """
 
 import io
+import unicodedata
 from itertools import pairwise
 
 import numpy as np
@@ -20,18 +21,26 @@ LINE = 30
 _LETTERS = 24
 """Size of the letters [px]."""
 _FINER = 3
-"""Pixels drawn per pixel, in each direction, because Pillow does not antialias."""
+"""Pixels drawn per pixel of a still image, in each direction."""
 _CLEAR = (255, 255, 255, 0)
+_WRITTEN = str.maketrans({"²": "^2", "³": "^3", "×": "x", "−": "-", "–": "-", "→": "->", "µ": "u", "Ω": "ohm"})
+"""Characters that the font lacks, and how they are written. Others lose their accents, or become question marks."""
 
 
 class Overlay:
-    """A transparent layer on which shapes and texts are drawn."""
+    """A transparent layer on which shapes and texts are drawn.
 
-    def __init__(self, width: int, height: int) -> None:
-        self._size = (width, height)
-        self._image = Image.new("RGBA", (width * _FINER, height * _FINER), _CLEAR)
+    Args:
+        width: Width [px].
+        height: Height [px].
+        finer: Pixels drawn per pixel, in each direction, because Pillow does not antialias.
+    """
+
+    def __init__(self, width: int, height: int, finer: int = _FINER) -> None:
+        self._size, self._finer = (width, height), finer
+        self._image = Image.new("RGBA", (width * finer, height * finer), _CLEAR)
         self._draw = ImageDraw.Draw(self._image)
-        self._font = ImageFont.load_default(_LETTERS * _FINER)
+        self._font = ImageFont.load_default(_LETTERS * finer)
 
     def over(self, pixels: Pixels) -> Pixels:
         """Composite the layer over pixels (height, width, 3)."""
@@ -41,13 +50,13 @@ class Overlay:
     def line(self, start: Place, end: Place, width: float, colour: Colour, opacity: float = 1.0) -> None:
         """Draw a line with round ends."""
         fill = _filled(colour, opacity)
-        self._draw.line(_finer(start, end), fill, round(width * _FINER))
+        self._draw.line(self._places(start, end), fill, round(width * self._finer))
         for x, y in (start, end):
-            self._draw.ellipse(_finer((x - width / 2, y - width / 2), (x + width / 2, y + width / 2)), fill)
+            self._draw.ellipse(self._places((x - width / 2, y - width / 2), (x + width / 2, y + width / 2)), fill)
 
     def box(self, low: Place, high: Place, radius: float, colour: Colour, opacity: float = 1.0) -> None:
         """Draw a filled box with rounded corners."""
-        self._draw.rounded_rectangle(_finer(low, high), radius * _FINER, _filled(colour, opacity))
+        self._draw.rounded_rectangle(self._places(low, high), radius * self._finer, _filled(colour, opacity))
 
     def dashes(self, low: Place, high: Place, width: float, colour: Colour) -> None:
         """Draw the outline of a box in dashes."""
@@ -71,16 +80,19 @@ class Overlay:
         ahead = along / length
         aside, neck = np.array((-ahead[1], ahead[0])) * head * 0.42, np.array(end) - ahead * head
         self.line(start, tuple(neck), width, colour)
-        self._draw.polygon(_finer(end, tuple(neck + aside), tuple(neck - aside)), _filled(colour, 1.0))
+        self._draw.polygon(self._places(end, tuple(neck + aside), tuple(neck - aside)), _filled(colour, 1.0))
 
     def text(self, text: str, left: float, top: float, colour: Colour) -> None:
         """Draw a line of text, vertically centred in the `LINE` pixels below `top`."""
-        place = (left * _FINER, (top + LINE / 2) * _FINER)
-        self._draw.text(place, text, _filled(colour, 1.0), self._font, anchor="lm")
+        place = (left * self._finer, (top + LINE / 2) * self._finer)
+        self._draw.text(place, _plain(text), _filled(colour, 1.0), self._font, anchor="lm")
 
     def width(self, text: str) -> int:
         """Return the width of a line of text [px]."""
-        return int(np.ceil(self._font.getlength(text) / _FINER))
+        return int(np.ceil(self._font.getlength(_plain(text)) / self._finer))
+
+    def _places(self, *places: Place) -> list[Place]:
+        return [(x * self._finer, y * self._finer) for x, y in places]
 
 
 def png_of(pixels: Pixels, colours: int | None = None) -> bytes:
@@ -92,8 +104,10 @@ def png_of(pixels: Pixels, colours: int | None = None) -> bytes:
     return file.getvalue()
 
 
-def _finer(*places: Place) -> list[Place]:
-    return [(x * _FINER, y * _FINER) for x, y in places]
+def _plain(text: str) -> str:
+    """Replace the characters that the font lacks."""
+    letters = (one for one in unicodedata.normalize("NFKD", text.translate(_WRITTEN)) if not unicodedata.combining(one))
+    return "".join(one if one.isascii() or one in "·°…" else "?" for one in letters)
 
 
 def _filled(colour: Colour, opacity: float) -> tuple[int, int, int, int]:

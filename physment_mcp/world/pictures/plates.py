@@ -3,51 +3,29 @@
 Agents get the small images of `drawing`. Like that module, this one needs a separate process.
 """
 
-from collections.abc import Collection, Generator, Sequence
-from dataclasses import dataclass, replace
+import contextlib
+from collections.abc import Collection, Sequence
+from dataclasses import replace
 
 import mujoco
 import numpy as np
 
 from physment_mcp.world.pictures.annotations import Optics, annotate
-from physment_mcp.world.pictures.drawing import (
-    corners_of,
-    free_camera,
-    staged,
-    started,
-    unlit,
-    view_on,
-)
-from physment_mcp.world.pictures.framing import FIELD_DEG, View
+from physment_mcp.world.pictures.drawing import GeomBox, boxes_of, staged, view_on
 from physment_mcp.world.pictures.overlay import Overlay, Pixels
+from physment_mcp.world.pictures.studio import HEIGHT, WIDTH, Ground, Studio
 from physment_mcp.world.readings import Array
 
-WIDTH, HEIGHT = 960, 640
-_ROOM = 1.18
+ROOM = 1.18
 """Factor on the camera's distance that leaves room for labels."""
-_SUN = np.array((0.45, 0.5, -1.0))
-"""Direction of the light: from the left, the front and above."""
-_FRAMES, _SUN_SPREAD = 24, 0.06
-"""Number of frames that are averaged, and the radius of the sun as a tangent. Each frame has another light position and
-a subpixel shift, which gives soft shadows and smooth edges."""
-SKY, GROUND = (0.80, 0.88, 0.97), (0.93, 0.94, 0.955)
-"""Colours of the background: red, green and blue, 0 to 1."""
-_GRID = (0.80, 0.825, 0.86)
+_FRAMES = 24
+"""Number of frames that are averaged."""
 _CELLS = 9.0
 """Smallest number of grid cells across the image."""
 _MOST = 6
 """Largest number of names in a line."""
-_NO_FLOOR = "the grid is no part of the scene"
-
-
-@dataclass(frozen=True, slots=True)
-class Ground:
-    """A grid on the ground that is not part of the scene."""
-
-    height: float
-    """Height of the grid [m]."""
-    cell: float
-    """Edge length of a cell [m]."""
+NO_FLOOR = "the grid is no part of the scene"
+"""Note on the grid."""
 
 
 def plate(mjcf: str, objects: Sequence[str], notes: Sequence[str] = ()) -> Pixels:
@@ -59,19 +37,21 @@ def plate(mjcf: str, objects: Sequence[str], notes: Sequence[str] = ()) -> Pixel
         notes: Further lines.
     """
     model, data = staged(mjcf)
-    found = view_on(model, data, WIDTH / HEIGHT)
-    view = replace(found, distance=found.distance * _ROOM)
+    boxes = boxes_of(model, data)
+    found = view_on(model, boxes, WIDTH / HEIGHT)
+    view = replace(found, distance=found.distance * ROOM)
     optics = Optics(view, WIDTH, HEIGHT)
-    ground = _ground(model, data, optics)
-    named = _named(model, data, objects)
+    ground = ground_below(model, boxes, optics)
+    named = named_corners(model, boxes, objects)
     inside = {name: corners for name, corners in named.items() if optics.shows(corners)}
     absent = [name for name in objects if name not in inside]
     lines = [f"not shown: {_listed(absent)}"] if absent else []
     if ground is not None:
-        lines.append(_NO_FLOOR)
+        lines.append(NO_FLOOR)
     overlay = Overlay(WIDTH, HEIGHT)
     annotate(overlay, optics, inside, [*lines, *notes])
-    return overlay.over(_lit(mjcf, view, ground))
+    with contextlib.closing(Studio(mjcf, view, ground)) as studio:
+        return overlay.over(studio.shoot(_FRAMES))
 
 
 def _listed(names: Sequence[str]) -> str:
@@ -79,27 +59,34 @@ def _listed(names: Sequence[str]) -> str:
     return ", ".join(names) if len(names) <= _MOST else f"{', '.join(names[:_MOST])} and {len(names) - _MOST} more"
 
 
-def _named(model: mujoco.MjModel, data: mujoco.MjData, objects: Collection[str]) -> dict[str, Array]:
+def named_corners(model: mujoco.MjModel, boxes: Sequence[GeomBox], objects: Collection[str]) -> dict[str, Array]:
     """Return object → corners of its drawn geoms."""
     found: dict[str, list[Array]] = {}
-    for geom in range(model.ngeom):
+    for geom, corners, _ in boxes:
         name = model.body(int(model.geom_bodyid[geom])).name
         if name in objects:
-            found.setdefault(name, []).append(corners_of(model, data, geom))
-    return {name: np.concatenate(boxes) for name, boxes in found.items()}
+            found.setdefault(name, []).append(corners)
+    return {name: np.concatenate(parts) for name, parts in found.items()}
 
 
-def _ground(model: mujoco.MjModel, data: mujoco.MjData, optics: Optics) -> Ground | None:
-    """Return the position of the grid; None if the scene has a visible floor."""
-    endless = [geom for geom in range(model.ngeom) if model.geom_rbound[geom] <= 0]
-    if any(data.geom_xmat[geom][8] > 0.7 for geom in endless):
+def ground_below(model: mujoco.MjModel, boxes: Sequence[GeomBox], optics: Optics) -> Ground | None:
+    """Return the position of the grid; None if the scene has a visible floor.
+
+    Args:
+        model: The model.
+        boxes: Boxes of its geoms, at one moment or at several.
+        optics: The projection.
+    """
+    endless = [box for box in boxes if model.geom_rbound[box.geom] <= 0]
+    if any(box.is_level for box in endless):
         return None
     view = optics.view
     lowest, gap = np.inf, 0.0
-    for geom in set(range(model.ngeom)) - set(endless):
-        corners = corners_of(model, data, geom)
+    for geom, corners, _ in boxes:
         # Parts far outside the picture do not decide: the grid would be out of sight.
-        if float(np.abs(corners.mean(axis=0) - view.centre).max()) < 2 * view.extent and corners[:, 2].min() < lowest:
+        bounded = model.geom_rbound[geom] > 0
+        inside = float(np.abs(corners.mean(axis=0) - view.centre).max()) < 2 * view.extent
+        if bounded and inside and corners[:, 2].min() < lowest:
             lowest = float(corners[:, 2].min())
             # What can move hangs over the grid; what is fixed may stand on it.
             moves = model.body_weldid[model.geom_bodyid[geom]] != 0
@@ -109,110 +96,3 @@ def _ground(model: mujoco.MjModel, data: mujoco.MjData, optics: Optics) -> Groun
     across = optics.width / optics.pixels_per_metre
     # A hair lower, so that faces that lie in the grid do not flicker through it.
     return Ground(lowest - gap - 1e-3 * view.extent, across / _CELLS)
-
-
-def _lit(mjcf: str, view: View, ground: Ground | None) -> Pixels:
-    """Render the scene without annotations (HEIGHT, WIDTH, 3), averaged over several light positions."""
-    model = _decorated(mjcf, ground)
-    data = started(model)
-    model.stat.extent, model.stat.center[:] = view.extent, view.centre
-    surface = mujoco.GLContext(WIDTH, HEIGHT)
-    surface.make_current()
-    context = mujoco.MjrContext(model, mujoco.mjtFontScale.mjFONTSCALE_100)
-    try:
-        mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN, context)
-        scene = mujoco.MjvScene(model, maxgeom=10_000)
-        mujoco.mjv_updateScene(
-            model, data, mujoco.MjvOption(), None, free_camera(view), mujoco.mjtCatBit.mjCAT_ALL, scene
-        )
-        scene.flags[mujoco.mjtRndFlag.mjRND_SHADOW] = scene.flags[mujoco.mjtRndFlag.mjRND_SKYBOX] = 1
-        scene.flags[mujoco.mjtRndFlag.mjRND_HAZE] = 1
-        return _mean_frame(scene, context, view)
-    finally:
-        context.free()
-        surface.free()
-
-
-def _mean_frame(scene: mujoco.MjvScene, context: mujoco.MjrContext, view: View) -> Pixels:
-    area, sun = mujoco.MjrRect(0, 0, WIDTH, HEIGHT), scene.lights[scene.nlight - 1]
-    pixels = np.zeros((HEIGHT, WIDTH, 3), np.uint8)
-    total = np.zeros((HEIGHT, WIDTH, 3))
-    still = [(eye.frustum_center, eye.frustum_bottom, eye.frustum_top) for eye in scene.camera]
-    for place, direction in enumerate(_sun_directions()):
-        sun.dir[:], sun.pos[:] = direction, view.centre - 8 * view.extent * direction
-        # Multiples of two irrational numbers cover a pixel evenly.
-        across, up = (place * 0.7548776662) % 1 - 0.5, (place * 0.5698402910) % 1 - 0.5
-        for eye, (centre, bottom, top) in zip(scene.camera, still, strict=True):
-            pixel = (top - bottom) / HEIGHT
-            eye.frustum_center = centre + across * pixel
-            eye.frustum_bottom, eye.frustum_top = bottom + up * pixel, top + up * pixel
-        mujoco.mjr_render(area, scene, context)
-        mujoco.mjr_readPixels(pixels, None, area, context)
-        total += pixels
-    return np.round(total[::-1] / _FRAMES).astype(np.uint8)
-
-
-def _sun_directions() -> Generator[Array]:
-    """Return unit vectors that are evenly distributed over a disc (sunflower arrangement)."""
-    ahead = _SUN / np.linalg.norm(_SUN)
-    aside = np.cross(ahead, (0.0, 0.0, 1.0))
-    aside /= np.linalg.norm(aside)
-    for place in range(_FRAMES):
-        angle, radius = place * np.pi * (3 - np.sqrt(5)), _SUN_SPREAD * np.sqrt((place + 0.5) / _FRAMES)
-        moved = ahead + radius * (np.cos(angle) * aside + np.sin(angle) * np.cross(ahead, aside))
-        yield moved / np.linalg.norm(moved)
-
-
-def _decorated(mjcf: str, ground: Ground | None) -> mujoco.MjModel:
-    """Add sky, sun and grid to the scene; the grid is the last geom, so other indices do not change."""
-    spec = unlit(mjcf)
-    spec.add_texture(
-        name="plate_sky",
-        type=mujoco.mjtTexture.mjTEXTURE_SKYBOX,
-        builtin=mujoco.mjtBuiltin.mjBUILTIN_GRADIENT,
-        rgb1=SKY,
-        rgb2=GROUND,
-        width=256,
-        height=256,
-    )
-    last = spec.worldbody.add_body(name="plate_grid")
-    last.add_light(
-        name="plate_sun",
-        type=mujoco.mjtLightType.mjLIGHT_DIRECTIONAL,
-        castshadow=True,
-        diffuse=[0.55] * 3,
-        ambient=[0] * 3,
-    )
-    if ground is not None:
-        spec.add_texture(
-            name="plate_lines",
-            type=mujoco.mjtTexture.mjTEXTURE_2D,
-            builtin=mujoco.mjtBuiltin.mjBUILTIN_FLAT,
-            mark=mujoco.mjtMark.mjMARK_EDGE,
-            rgb1=GROUND,
-            markrgb=_GRID,
-            width=256,
-            height=256,
-        )
-        paint = spec.add_material(name="plate_paint", texuniform=True, texrepeat=[1 / ground.cell] * 2)
-        paint.textures[mujoco.mjtTextureRole.mjTEXROLE_RGB] = "plate_lines"
-        paint.specular = 0
-        last.add_geom(
-            type=mujoco.mjtGeom.mjGEOM_PLANE,
-            size=[0, 0, 1],
-            pos=[0, 0, ground.height],
-            material="plate_paint",
-            contype=0,
-            conaffinity=0,
-        )
-    model = spec.compile()
-    model.vis.headlight.ambient[:], model.vis.headlight.diffuse[:] = 0.45, 0.27
-    model.vis.headlight.specular[:] = 0.05
-    model.vis.rgba.haze[:] = (*SKY, 1)
-    model.vis.quality.shadowsize, model.vis.quality.offsamples = 4096, 0
-    # Beyond this many extents nothing gets a shadow; at that border shadows are frayed, so it is out of the picture.
-    model.vis.map.shadowclip = 4
-    model.vis.global_.fovy = FIELD_DEG
-    model.vis.quality.numslices, model.vis.quality.numstacks = 96, 48
-    model.vis.global_.offwidth, model.vis.global_.offheight = WIDTH, HEIGHT
-    return model

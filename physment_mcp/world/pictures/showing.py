@@ -13,7 +13,7 @@ import mujoco
 import numpy as np
 
 from physment_mcp.world.loading import STATE, load
-from physment_mcp.world.pictures.drawing import view_on
+from physment_mcp.world.pictures.drawing import boxes_of, view_on
 from physment_mcp.world.pictures.framing import View
 from physment_mcp.world.readings import Array
 
@@ -190,7 +190,7 @@ def view_of_shown(mjcf: str) -> View:
     model = mujoco.MjModel.from_xml_string(mjcf)
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
-    return view_on(model, data)
+    return view_on(model, boxes_of(model, data))
 
 
 def fixtures(model: mujoco.MjModel, objects: Collection[str]) -> frozenset[str]:

@@ -1,5 +1,6 @@
 """Tests of films: they show the visible bodies at the poses after each call, or are not made."""
 
+import base64
 import itertools
 from pathlib import Path
 from typing import Any
@@ -9,9 +10,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from evaluator.commands.program import main
-from evaluator.films import Instant, reel
+from evaluator.films import motion
+from evaluator.films.motion import Instant, reel
 from evaluator.records.episode import Episode
 from evaluator.report.attachments import FILMS
+from evaluator.report.film_record import Film
 from evaluator.store.run_folder import RunFolder
 from tests.builders.films import attached_run, course, decoded, file_of, key_of, read_film, stored_run
 from tests.builders.records import call
@@ -52,6 +55,26 @@ def test_every_reading_of_the_agent_is_where_the_film_shows_the_object(run: RunF
     assert checked == 3
     assert film["step"] == 1e-4, "of a scene of some metres"
     assert poses["object_1"][-1][3:] == pytest.approx([1, 0, 0, 0], abs=film["turn"])
+
+
+def test_motion_is_decoded_as_in_the_browser_and_damage_is_refused(run: RunFolder) -> None:
+    film = Film.model_validate(read_film(run, FALL_KEY))
+    times, poses = decoded(read_film(run, FALL_KEY))
+    found = motion.decoded(film)
+    assert found.times.tolist() == pytest.approx(times)
+    assert found.poses.keys() == poses.keys()
+    assert all(one.tolist() == [pytest.approx(pose) for pose in poses[name]] for name, one in found.poses.items())
+    early, late = (found.at(position)["object_1"] for position in (3, 4))
+    assert found.at(3.25)["object_1"][:3] == pytest.approx(
+        [0.75 * a + 0.25 * b for a, b in zip(early, late, strict=True)][:3]
+    )
+    short = film.model_copy(update={"data": film.data[: len(film.data) // 8 * 4]})
+    with pytest.raises(ValueError, match="ends too early"):
+        motion.decoded(short)
+    with pytest.raises(ValueError, match="too many numbers"):
+        motion.decoded(
+            film.model_copy(update={"data": base64.b64encode(base64.b64decode(film.data) + b"\x02").decode()})
+        )
 
 
 def test_a_film_says_when_things_come_and_go(run: RunFolder) -> None:
@@ -141,7 +164,12 @@ def test_only_films_that_are_missing_or_of_another_record_are_made(run: RunFolde
 
 
 @pytest.mark.parametrize(
-    ("words", "sentence"), [((), "holds no episodes"), (("--episodes", "seen=7"), "write conditions such as")]
+    ("words", "sentence"),
+    [
+        ((), "holds no episodes"),
+        (("--episodes", "seen=7"), "write conditions such as"),
+        (("--episode", "8", "--webp"), "holds 2 episodes, such as scene 7, seed 0, x, budget 4, epoch 1, and none of"),
+    ],
 )
 def test_what_cannot_be_filmed_is_refused_in_one_sentence(
     run: RunFolder, tmp_path: Path, words: tuple[str, ...], sentence: str, capsys: pytest.CaptureFixture[str]

@@ -1,0 +1,7 @@
+"""Animated images of episodes, for a process of `renderer`."""
+
+from physment_mcp.world.pictures.moving_plates import Moment, Shown, ShownReading, moving_plate
+from physment_mcp.world.pictures.showing import ShownBody, ShownPart
+from physment_mcp.world.pictures.sketch import Course
+
+__all__ = ["Course", "Moment", "Shown", "ShownBody", "ShownPart", "ShownReading", "moving_plate"]

@@ -1,0 +1,1 @@
+"""Films: stored episodes are replayed, and what could be seen is kept in small files."""

@@ -1,0 +1,166 @@
+"""Chooses the frames of an animated image from the film of an episode."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from itertools import groupby
+from typing import NamedTuple
+
+import numpy as np
+
+from evaluator.certify.moving_pictures import Course, Moment, Shown, ShownBody, ShownPart, ShownReading
+from evaluator.films.motion import Motion, decoded
+from evaluator.records.episode import Episode
+from evaluator.report.call_rows import CallRow, calls_of
+from evaluator.report.film_record import Drawing, Film
+
+MOST_FRAMES = 180
+"""Largest number of frames of an animation."""
+_FRAME_S = 0.08
+"""Wall time of a frame in which things move [s]."""
+_LONGEST_S, _SHORTEST_S = 12.0, 2.0
+"""Wall time of all motion [s], as far as a power of two of the speed allows."""
+_READ_S, _READ_ALL_S = 0.8, 20.0
+"""Wall time for which a return is shown, and for which all are [s]."""
+_FIRST_S, _LAST_S = 1.0, 2.5
+"""Wall time of the first and of the last frame [s]."""
+
+
+class Animation(NamedTuple):
+    """What an animated image of an episode shows."""
+
+    things: Sequence[Shown]
+    moments: Sequence[Moment]
+
+
+class _Call(NamedTuple):
+    turn: int
+    row: CallRow
+    start: int
+    """Instant before the call."""
+    end: int
+    """Instant after the call."""
+
+
+def animation_of(film: Film, episode: Episode, title: str) -> Animation:
+    """Choose at most `MOST_FRAMES` frames: every call, and the motion while time passes.
+
+    Args:
+        film: The film of the episode.
+        episode: Its record.
+        title: The first line below the image.
+
+    Raises:
+        ValueError: The film is damaged.
+    """
+    things = [_shown(drawing) for drawing in film.drawings]
+    moments = list(_Frames(film, decoded(film), episode, title).moments())
+    return Animation(things, _thinned(moments, MOST_FRAMES))
+
+
+def _shown(drawing: Drawing) -> Shown:
+    bodies = [
+        ShownBody(
+            body.id,
+            body.movable,
+            (0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0) if body.object else (),
+            [ShownPart(one.shape, [*one.size], [*one.pos], [*one.quat], [*one.rgba]) for one in body.parts],
+        )
+        for body in drawing.bodies
+    ]
+    return Shown(bodies, [Course(course.kind, course.points) for course in drawing.schematic])
+
+
+class _Frames:
+    def __init__(self, film: Film, motion: Motion, episode: Episode, title: str) -> None:
+        self._film, self._motion, self._title = film, motion, title
+        self._budget = episode.key.budget
+        self._calls = list(_calls(film, episode))
+        duration = sum(self._lasts(call) for call in self._calls)
+        self._speed = _speed(duration)
+
+    def moments(self) -> Iterator[Moment]:
+        """Yield all frames, of which there may be too many."""
+        yield self._moment(0.0, 0, ["before the first call"], _FIRST_S)
+        read_s = min(_READ_S, _READ_ALL_S / max(1, len(self._calls)))
+        for made, call in enumerate(self._calls, start=1):
+            asked = f"iteration {call.turn} of {self._budget}: {call.row.exchange.call.tool} {call.row.asked}".rstrip()
+            for position in self._positions(call):
+                yield self._moment(position, made - 1, [asked], _FRAME_S)
+            is_last = made == len(self._calls)
+            yield self._moment(float(call.end), made, [asked, _returned(call.row)], _LAST_S if is_last else read_s)
+
+    def _lasts(self, call: _Call) -> float:
+        """Return how much time passes in a call [s]; 0 where it goes back."""
+        return max(0.0, float(self._motion.times[call.end] - self._motion.times[call.start]))
+
+    def _positions(self, call: _Call) -> Sequence[float]:
+        """Return the positions of the film, in equal steps of time, that a call passes before its end."""
+        count = int(self._lasts(call) / self._speed / _FRAME_S)
+        times: list[float] = self._motion.times[call.start : call.end + 1].tolist()
+        wanted = [times[0] + (times[-1] - times[0]) * step / count for step in range(1, count)]
+        return [float(np.interp(time, times, np.arange(call.start, call.end + 1))) for time in wanted]
+
+    def _moment(self, position: float, made: int, captions: Sequence[str], duration_s: float) -> Moment:
+        drawing = [number for instant, number in self._film.cuts if instant <= position][-1]
+        drawn = {body.id for body in self._film.drawings[drawing].bodies}
+        poses = {name: pose for name, pose in self._motion.at(position).items() if name in drawn}
+        first = int(position)
+        time = float(np.interp(position, [first, first + 1], self._motion.times[[first, min(first + 1, self._last)]]))
+        clock = f"{time:.2f} s, {_factor(self._speed)}"
+        return Moment(
+            drawing, poses, self._read(made, drawn), [self._title, *captions], clock, round(1000 * duration_s)
+        )
+
+    @property
+    def _last(self) -> int:
+        return len(self._motion.times) - 1
+
+    def _read(self, made: int, drawn: set[str]) -> Mapping[str, ShownReading]:
+        found = [read for call, read in self._film.read if call < made][-1:]
+        return {
+            name: ShownReading(
+                read.position,
+                f"{name}, last read ({', '.join(f'{value:.4g}' for value in read.position)}) m at {read.time:.4g} s",
+            )
+            for read_all in found
+            for name, read in read_all.items()
+            if name not in drawn
+        }
+
+
+def _calls(film: Film, episode: Episode) -> Iterator[_Call]:
+    start = 0
+    for turn, (instants, played) in enumerate(zip(film.calls, calls_of(episode.turns), strict=True), start=1):
+        for end, row in zip(instants, played.rows, strict=True):
+            yield _Call(turn, row, start, end)
+            start = end
+
+
+def _returned(row: CallRow) -> str:
+    values = [" ".join(filter(None, (one.name, one.value, one.unit))) for one in row.quantities]
+    return ", ".join(values) or row.said
+
+
+def _speed(duration: float) -> float:
+    """Return simulated seconds per second of wall time, a power of two."""
+    speed = 1.0
+    while duration / speed > _LONGEST_S:
+        speed *= 2
+    while 0 < duration / speed < _SHORTEST_S:
+        speed /= 2
+    return speed
+
+
+def _factor(speed: float) -> str:
+    if speed == 1:
+        return "real time"
+    return f"{speed:g} times faster" if speed > 1 else f"{1 / speed:g} times slower"
+
+
+def _thinned(moments: Sequence[Moment], most: int) -> list[Moment]:
+    """Keep every so-manieth frame and the last; each also lasts for those before it that are left out."""
+    every = -(-len(moments) // most)
+    kept: list[Moment] = []
+    for _, group in groupby(enumerate(reversed(moments)), key=lambda item: item[0] // every):
+        those = [moment for _, moment in group]
+        kept.append(those[0]._replace(duration_ms=sum(moment.duration_ms for moment in those)))
+    return kept[::-1]
