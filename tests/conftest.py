@@ -24,7 +24,21 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     )
 
 
+UNTRACED = (
+    "tests/evaluator/certify",
+    "tests/evaluator/episode/protocols",
+    "tests/evaluator/pages",
+    "tests/harness",
+    "tests/scenes",
+)
+"""Tests that run without coverage. They call the core modules, but others test these; tracing takes them up to twice as
+long."""
+
+
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    for item in items:
+        if item.nodeid.startswith(UNTRACED):
+            item.add_marker(pytest.mark.no_cover)
     if not all((ORIGINAL / part).is_dir() for part in ("Scenes", "logs")):
         reason = "the published packs and logs are not here; PHYSMENT_ORIGINAL names the folder that holds them"
         for item in items:
