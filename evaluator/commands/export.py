@@ -13,9 +13,10 @@ from evaluator.errors import StoreError, UsageError
 from evaluator.records.run import Plan, ServerRecord
 from evaluator.referee.tasks import WrittenSplit, has_parquet, write_tasks
 from evaluator.referee.variants import Variants
-from evaluator.report.every_eval_ever import Source, write_every_eval_ever
+from evaluator.report.every_eval_ever import Source, every_eval_ever
 from evaluator.report.parquet import write_parquet
 from evaluator.scores.scoring import read_graded
+from evaluator.store.durable import replace
 from evaluator.store.run_folder import RunFolder
 from evaluator.study.integrity import seal_note
 from evaluator.study.provenance import run_record
@@ -83,15 +84,23 @@ def _export(args: argparse.Namespace) -> int:
         return 0
     if args.to == "every-eval-ever":
         source = Source(args.organization, args.relationship)
-        print(*write_every_eval_ever(Path(out or folder.path), run, graded, source), sep="\n")
+        for place, text in every_eval_ever(run, graded, source).items():
+            target = Path(out or folder.path) / place
+            _make_folder(target.parent)
+            replace(target, text)
+            print(target)
         return 0
     file = out or folder.path / "exchanges.parquet"
-    try:
-        file.parent.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise StoreError(f"{file.parent} cannot be written: {error.strerror}") from error
+    _make_folder(file.parent)
     print(f"{file}: {write_parquet(file, run, graded)} exchanges")
     return 0
+
+
+def _make_folder(folder: Path) -> None:
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise StoreError(f"{folder} cannot be written: {error.strerror}") from error
 
 
 def _tasks(args: argparse.Namespace) -> int:
@@ -105,10 +114,7 @@ def _tasks(args: argparse.Namespace) -> int:
         raise UsageError("export --to tasks: takes no run folder, and writes into the folder --out DIR")
     folder = Path(folder_to_write(args.out))
     scenes = [files.scene_id for files in parse_scenes(args.scenes, None)] if args.scenes else None
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise StoreError(f"{folder} cannot be written: {error.strerror}") from error
+    _make_folder(folder)
     for split in run_async(functools.partial(_written, folder, args.per_scene, scenes)):
         print(f"{', '.join(map(str, split.files))}: {split.rows} tasks of {split.scenes} scenes")
         for left_out in split.left_out:

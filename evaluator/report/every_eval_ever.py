@@ -9,15 +9,13 @@ import json
 import uuid
 from collections.abc import Iterator, Mapping, Sequence
 from datetime import UTC, datetime
-from pathlib import Path, PurePosixPath
+from pathlib import PurePosixPath
 from typing import Any, NamedTuple
 
-from evaluator.errors import StoreError
 from evaluator.records.episode import Episode, EpisodeKey, GradeRecord, Verdict
 from evaluator.records.run import RunRecord
 from evaluator.scores.grouping import Condition, condition
 from evaluator.statistics.intervals import Proportion, proportion
-from evaluator.store.durable import replace
 from scenes import CANARY, reference_of
 
 SCHEMA_VERSION = "0.3.0"
@@ -36,19 +34,15 @@ class Source(NamedTuple):
     `other`."""
 
 
-def write_every_eval_ever(folder: Path, run: RunRecord, graded: Graded, source: Source) -> list[Path]:
-    """Write the two files of each agent; returns the paths of all.
+def every_eval_ever(run: RunRecord, graded: Graded, source: Source) -> dict[PurePosixPath, str]:
+    """Return the two files of each agent by their paths in the public collection, `data/physment/DEVELOPER/MODEL/`.
 
     Args:
-        folder: Target folder. Paths below it are those of the public collection, `data/physment/DEVELOPER/MODEL/`.
         run: Record of the run.
         graded: Its episodes with their stored grades.
         source: Who reports the results.
-
-    Raises:
-        StoreError: A file cannot be written.
     """
-    written: list[Path] = []
+    files: dict[PurePosixPath, str] = {}
     for agent in run.plan.agents:
         pairs = [pair for pair in graded if pair[0].key.agent == agent]
         if not pairs:
@@ -59,27 +53,19 @@ def write_every_eval_ever(folder: Path, run: RunRecord, graded: Graded, source: 
         name = uuid.UUID(bytes=uuid.uuid5(_NAMES, key).bytes, version=4)
         place = PurePosixPath("data", "physment", *model["id"].split("/"))
         identity = f"physment/{model['id'].replace('/', '_')}/{name}"
-        samples = [_sample(identity, model["id"], episode, record) for episode, record in pairs]
-        lines = "".join(json.dumps(sample, ensure_ascii=False) + "\n" for sample in samples)
+        rows = [_sample(identity, model["id"], episode, record) for episode, record in pairs]
+        samples = "".join(json.dumps(row, ensure_ascii=False) + "\n" for row in rows)
         record = _aggregate(identity, run, model, pairs, source)
         record["detailed_evaluation_results"] = {
             "format": "jsonl",
             "file_path": str(place / f"{name}_samples.jsonl"),
             "hash_algorithm": "sha256",
-            "checksum": hashlib.sha256(lines.encode()).hexdigest(),
-            "total_rows": len(samples),
+            "checksum": hashlib.sha256(samples.encode()).hexdigest(),
+            "total_rows": len(rows),
         }
-        aggregate = json.dumps(record, ensure_ascii=False, indent=2) + "\n"
-        files = {f"{name}.json": aggregate, f"{name}_samples.jsonl": lines}
-        target = folder / place
-        try:
-            target.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise StoreError(f"{target} cannot be written: {error.strerror}") from error
-        for file, text in files.items():
-            replace(target / file, text)
-            written.append(target / file)
-    return written
+        files[place / f"{name}.json"] = json.dumps(record, ensure_ascii=False, indent=2) + "\n"
+        files[place / f"{name}_samples.jsonl"] = samples
+    return files
 
 
 def _model(agent: str, facts: Mapping[str, Any]) -> dict[str, Any]:

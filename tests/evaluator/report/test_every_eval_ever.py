@@ -2,7 +2,7 @@
 
 import hashlib
 import json
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 from typing import Any
 
 import pytest
@@ -10,10 +10,11 @@ import pytest
 from evaluator.commands.program import main
 from evaluator.records.episode import Episode, GradeRecord, Verdict
 from evaluator.records.run import Plan, RunRecord, ServerRecord
-from evaluator.report.every_eval_ever import Source, write_every_eval_ever
+from evaluator.report.every_eval_ever import Source, every_eval_ever
 from tests.builders.records import RIGHT, STARTED_AT, WRONG, episode, episode_key, refused, returned, skipped, turn
 
 KEY = 3.14159
+SOURCE = Source("Example University")
 TURNS = (
     turn("I look.", returned("get_position", {"sim_time": 0.5, "position": [0, 0, 1]}, object_id="object_1")),
     turn("", refused("step", "too long", duration=9), skipped("step", duration=1)),
@@ -36,16 +37,15 @@ def run_of(*agents: str) -> RunRecord:
     )
 
 
-def written(folder: Path, agent: str = "model:a/b") -> tuple[dict[str, Any], list[dict[str, Any]], str]:
+def written(agent: str = "model:a/b") -> tuple[dict[str, Any], list[dict[str, Any]], str]:
     pairs = [graded(7, agent=agent), graded(8, Verdict.INCORRECT, agent), graded(9, Verdict.UNSCORED, agent)]
     pairs += [graded(201, agent=agent)]
-    whole, samples = write_every_eval_ever(folder, run_of(agent), pairs, Source("Example University"))
-    text = samples.read_text(encoding="utf-8")
-    return json.loads(whole.read_text(encoding="utf-8")), [json.loads(line) for line in text.splitlines()], text
+    whole, text = every_eval_ever(run_of(agent), pairs, SOURCE).values()
+    return json.loads(whole), [json.loads(line) for line in text.splitlines()], text
 
 
-def test_each_collection_has_its_accuracy_with_an_interval(tmp_path: Path) -> None:
-    record, _, _ = written(tmp_path)
+def test_each_collection_has_its_accuracy_with_an_interval() -> None:
+    record, _, _ = written()
     suite, open_worlds = record["evaluation_results"]
     assert (suite["evaluation_name"], open_worlds["evaluation_name"]) == ("physment", "physment-open-worlds")
     score = suite["score_details"]
@@ -56,12 +56,12 @@ def test_each_collection_has_its_accuracy_with_an_interval(tmp_path: Path) -> No
     assert open_worlds["score_details"]["score"] == 1.0
 
 
-def test_samples_are_whole_and_refer_to_their_result(tmp_path: Path) -> None:
-    record, samples, text = written(tmp_path)
+def test_samples_are_whole_and_refer_to_their_result() -> None:
+    record, samples, text = written()
     about = record["detailed_evaluation_results"]
     assert about["total_rows"] == len(samples) == 4
     assert about["checksum"] == hashlib.sha256(text.encode()).hexdigest()
-    assert (tmp_path / about["file_path"]).is_file()
+    assert about["file_path"] in map(str, every_eval_ever(run_of("model:a/b"), [graded(7)], SOURCE))
     results = {result["evaluation_result_id"] for result in record["evaluation_results"]}
     assert {sample["evaluation_result_id"] for sample in samples} == results
     assert {sample["evaluation_id"] for sample in samples} == {record["evaluation_id"]}
@@ -79,8 +79,8 @@ def test_samples_are_whole_and_refer_to_their_result(tmp_path: Path) -> None:
     assert [sample["evaluation"]["is_correct"] for sample in samples] == [True, False, False, True]
 
 
-def test_no_file_holds_an_answer_key(tmp_path: Path) -> None:
-    record, samples, text = written(tmp_path)
+def test_no_file_holds_an_answer_key() -> None:
+    record, samples, text = written()
     assert str(KEY) not in text + json.dumps(record)
     assert all(sample["input"]["reference"] == [] for sample in samples)
     assert all(sample["metadata"]["canary"].startswith("physment-canary-") for sample in samples)
@@ -95,17 +95,27 @@ def test_no_file_holds_an_answer_key(tmp_path: Path) -> None:
         ("/", "-/-"),
     ],
 )
-def test_a_model_names_its_folder_and_cannot_leave_it(tmp_path: Path, agent: str, model: str) -> None:
-    pairs = [graded(7, agent=agent)]
-    whole, _ = write_every_eval_ever(tmp_path, run_of(agent), pairs, Source("Example University"))
-    assert json.loads(whole.read_text(encoding="utf-8"))["model_info"]["id"] == model
-    assert whole.parent == tmp_path / "data" / "physment" / model
+def test_a_model_names_its_folder_and_cannot_leave_it(agent: str, model: str) -> None:
+    files = every_eval_ever(run_of(agent), [graded(7, agent=agent)], SOURCE)
+    assert json.loads(next(iter(files.values())))["model_info"]["id"] == model
+    assert {place.parent for place in files} == {PurePosixPath("data", "physment", model)}
 
 
-def test_a_second_export_gives_the_same_ids(tmp_path: Path) -> None:
-    assert written(tmp_path)[0] == written(tmp_path)[0]
+def test_a_second_export_gives_the_same_ids() -> None:
+    assert written()[0] == written()[0]
 
 
 def test_who_reports_must_be_stated(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["export", str(tmp_path), "--to", "every-eval-ever"]) == 2
     assert "--organization NAME" in capsys.readouterr().err
+
+
+def test_the_command_writes_the_files(tmp_path: Path, host_url: str, capsys: pytest.CaptureFixture[str]) -> None:
+    run = tmp_path / "run"
+    assert main(["run", "--agent", "random", "--scenes", "7", "--server", host_url, "--out", str(run)]) == 0
+    capsys.readouterr()
+    assert main(["export", str(run), "--to", "every-eval-ever", "--organization", "Example University"]) == 0
+    whole, samples = map(Path, capsys.readouterr().out.split())
+    record = json.loads(whole.read_text(encoding="utf-8"))
+    assert run / record["detailed_evaluation_results"]["file_path"] == samples
+    assert record["source_metadata"]["source_organization_name"] == "Example University"
