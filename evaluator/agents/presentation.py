@@ -1,4 +1,4 @@
-"""Other presentations: the same episode in other words, with other ids of objects, or its objects in another order.
+"""Other presentations: the same episode in other words or units, with other ids of objects, or in another order.
 
 A translation stands between an agent and the laboratory. It changes what the agent is told and shown, and changes the
 agent's calls back. Records hold the laboratory's own terms, so a run is graded, replayed and compared like any other.
@@ -7,12 +7,14 @@ The translation depends on the text alone, never on hidden values, so the agent 
 
 import json
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
+from typing import Any
 
 from pydantic import JsonValue
 
+from evaluator.agents.unit_system import SENTENCE, described_units, exchanged, exchanged_schema
 from evaluator.episode.player import Agent, Briefing, Feedback, Player, Reply, ToolDescription
 from evaluator.errors import UsageError
 from evaluator.records.episode import EpisodeKey, Exchange, ToolCall
@@ -27,6 +29,8 @@ class Change(StrEnum):
     """Objects have other ids, such as sample_q for object_1."""
     ORDER = "order"
     """Lists of objects are reversed."""
+    UNITS = "units"
+    """Arguments and results of the tools are in centimetres, milliseconds and grams; the task stays in SI units."""
 
 
 PARAPHRASES = (
@@ -111,6 +115,9 @@ class Translation:
 
     def prompt(self, text: str) -> str:
         """Change an opening prompt."""
+        if Change.UNITS in self.presentation:  # before the paraphrases, one of which speaks of SI units
+            before, after = reversed(SENTENCE) if self.inverse else SENTENCE
+            text = text.replace(before, after)
         if Change.PARAPHRASE in self.presentation:
             for pair in PARAPHRASES:
                 before, after = reversed(pair) if self.inverse else pair
@@ -138,7 +145,11 @@ class Translation:
     def briefing(self, briefing: Briefing) -> Briefing:
         """Change what an agent learns before its first turn."""
         tools = tuple(
-            ToolDescription(tool.name, self.text(tool.description), self._members(dict(tool.input_schema)))
+            ToolDescription(
+                tool.name,
+                self.text(self._described(tool.description)),
+                self._members(self._schema(tool.name, tool.input_schema)),
+            )
             for tool in briefing.tools
         )
         scene = self._members(dict(briefing.scene))
@@ -158,7 +169,18 @@ class Translation:
         return replace(reply, reasoning=thought + said, thought_chars=len(thought), calls=calls)
 
     def _call(self, call: ToolCall) -> ToolCall:
-        return call.model_copy(update={"arguments": self._members(call.arguments)})
+        return call.model_copy(update={"arguments": self._members(self._numbers(call.tool, call.arguments))})
+
+    def _described(self, text: str) -> str:
+        return described_units(text, inverse=self.inverse) if Change.UNITS in self.presentation else text
+
+    def _schema(self, tool: str, schema: Mapping[str, Any]) -> dict[str, Any]:
+        changes = Change.UNITS in self.presentation
+        return exchanged_schema(tool, schema, inverse=self.inverse) if changes else dict(schema)
+
+    def _numbers(self, tool: str, members: dict[str, JsonValue]) -> dict[str, JsonValue]:
+        """Exchange the units of arguments or of a result."""
+        return exchanged(tool, members, inverse=self.inverse) if Change.UNITS in self.presentation else members
 
     def _members(self, members: dict[str, JsonValue]) -> dict[str, JsonValue]:
         changed = self.value(members)
@@ -166,9 +188,12 @@ class Translation:
         return changed
 
     def _exchange(self, exchange: Exchange) -> Exchange:
-        content = None if exchange.content is None else self._members(exchange.content)
+        tool, content = exchange.call.tool, exchange.content
+        content = None if content is None else self._members(self._numbers(tool, content))
         try:
-            text = json.dumps(self.value(json.loads(exchange.text)), ensure_ascii=False, separators=(",", ":"))
+            read: JsonValue = json.loads(exchange.text)
+            read = self._numbers(tool, read) if isinstance(read, dict) else read
+            text = json.dumps(self.value(read), ensure_ascii=False, separators=(",", ":"))
         except ValueError:
             text = self.text(exchange.text)
         return exchange.model_copy(update={"call": self._call(exchange.call), "content": content, "text": text})
