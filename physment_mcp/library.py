@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from physment_mcp.scene import load_scene
-from physment_mcp.serving.prompts import opening_prompt
+from physment_mcp.serving.prompts import Prompting, PromptOptions, opening_prompt
 from physment_mcp.session import Session
 from physment_mcp.tools import TOOLS
 from physment_mcp.tools.calls import call
@@ -53,6 +53,18 @@ class OpenEpisode:
     def prompt(self) -> str:
         """The opening prompt: the task, the objects, and all that an agent has to know before its first call."""
         return opening_prompt(self._session)
+
+    def prompt_for(self, budget: int, prompting: str = "zero-shot") -> str:
+        """Return the opening prompt for an agent with a budget, as agents of `physment-eval` get it.
+
+        Args:
+            budget: Number of iterations that the prompt states. Whoever runs the agent counts them.
+            prompting: `zero-shot`, `one-shot-cot` or `few-shot-cot`: the number of worked examples.
+
+        Raises:
+            ValueError: `prompting` is none of these.
+        """
+        return opening_prompt(self._session, PromptOptions(Prompting(prompting), budget=budget))
 
     @property
     def tools(self) -> tuple[ToolDescription, ...]:

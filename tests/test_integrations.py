@@ -4,6 +4,7 @@ They check the imports of clients and plugins, the shared client, and its copy o
 """
 
 import ast
+import json
 import re
 import sys
 import tomllib
@@ -18,6 +19,7 @@ from pydantic import BaseModel, Field
 from evaluator.commands.program import parser
 from evaluator.episode.player import ANSWER
 from evaluator.referee.contract import EndedEpisode, WantedEpisode
+from physment_mcp import open_episode
 from tests.builders.paths import ROOT
 from tests.builders.referee_client import referee_client
 
@@ -26,6 +28,8 @@ PLUGINS = [FOLDER / "harbor", FOLDER / "inspect"]
 """Packages that are installed beside ours, and import our public names."""
 CLIENTS = sorted({path.parent for path in FOLDER.glob("*/pyproject.toml")} - set(PLUGINS))
 """Packages that have requirements of their own, hold no key, and import nothing of ours."""
+IN_PROCESS = FOLDER / "trl" / "physment_trl" / "in_process.py"
+"""The one module of a client that plays without a host, by public names; the package offers it as an extra."""
 OURS = {"physment_mcp", "evaluator", "scenes", "mujoco"}
 
 
@@ -43,7 +47,7 @@ def imports(source: str) -> Iterator[tuple[str, str]]:
 
 
 def imported(package: Path) -> Iterator[tuple[str, str]]:
-    for path in sorted(package.rglob("*.py")):
+    for path in sorted(set(package.rglob("*.py")) - {IN_PROCESS}):
         yield from imports(path.read_text(encoding="utf-8"))
 
 
@@ -75,6 +79,11 @@ def test_a_plugin_imports_public_names_alone(package: Path) -> None:
     assert {str(path): found for path in modules if (found := not_public(path.read_text(encoding="utf-8")))} == {}
     assert "physment-mcp" in requirements(package)
     assert any(module == "evaluator" for module, _ in imported(package))
+
+
+def test_the_module_that_plays_in_process_imports_public_names_and_no_other_module_needs_it() -> None:
+    assert not_public(IN_PROCESS.read_text(encoding="utf-8")) == []
+    assert [found for found in imported(FOLDER / "trl") if "in_process" in found[0]] == []
 
 
 @pytest.mark.parametrize(
@@ -141,9 +150,24 @@ def test_the_clients_of_frameworks_repeat_the_contract_of_a_referee() -> None:
     verifiers = copied(taskset, "PhysmentData") | copied(taskset, "PhysmentTaskConfig")
     assert verifiers == contract
     assert copied(server, "PhysmentVariant") == {name: kind for name, kind in contract.items() if name != "prompting"}
+    defaults = {name: kind["default"] for name, kind in contract.items()}
     reset = dict(parameters("openenv/server/environment.py", "reset"))
     assert reset.pop("episode_id") is None  # a name that OpenEnv gives
-    assert reset == {name: kind["default"] for name, kind in contract.items()}
+    assert reset == defaults
+    everything = {name: kind["default"] for name, kind in properties(WantedEpisode).items()}
+    assert parameters("trl/physment_trl/environment.py", "reset") == everything
+
+
+def test_the_tools_of_the_environment_for_trl_are_those_of_the_laboratory(update_goldens: bool) -> None:
+    """`pytest tests/test_integrations.py --update-goldens` writes the copy anew."""
+    copy = FOLDER / "trl" / "physment_trl" / "tools.json"
+    tools = [
+        {"name": tool.name, "description": tool.description, "input_schema": tool.input_schema}
+        for tool in open_episode(7).tools
+    ]
+    if update_goldens:
+        copy.write_text(json.dumps(tools, indent=1) + "\n", encoding="utf-8")
+    assert json.loads(copy.read_text(encoding="utf-8")) == tools
 
 
 def test_variants_are_scenes_with_seeds_places_in_a_split_or_the_lines_of_a_file(tmp_path: Path) -> None:

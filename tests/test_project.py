@@ -231,7 +231,7 @@ def test_the_packages_of_integrations_have_the_version_of_the_project() -> None:
     found = {
         file.parent.name: tomllib.loads(file.read_text(encoding="utf-8"))["project"]["version"] for file in packages
     }
-    assert len(found) == 6
+    assert len(found) == 7
     assert set(found.values()) == {__version__}
     manifest = yaml.safe_load((ROOT / "integrations" / "openenv" / "openenv.yaml").read_text(encoding="utf-8"))
     assert manifest["version"] == __version__

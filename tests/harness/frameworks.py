@@ -1,6 +1,6 @@
 """Installs third-party frameworks in separate environments, and runs the tests that need them.
 
-python -m tests.harness.frameworks NAME...    verifiers, openenv, nemo_gym, harbor, inspect, ray or lowest
+python -m tests.harness.frameworks NAME...    verifiers, openenv, nemo_gym, trl, harbor, inspect, ray or lowest
 
 The frameworks pin versions of mcp that conflict with ours and with each other. `lowest` runs the whole suite with the
 oldest versions that pyproject.toml allows; it needs uv. This module imports the standard library only.
@@ -15,7 +15,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).parents[2]
 PLACE = ROOT / ".integrations"
-CLIENTS = ("verifiers", "openenv", "nemo_gym")
+CLIENTS = ("verifiers", "openenv", "nemo_gym", "trl")
 """Frameworks whose packages, in `integrations/`, play through the referee."""
 _NEWEST_FIRST = ("python3.13", "python3.12", "python3.11")
 _BUILD_ONLY_OURS = ("--only-binary", ":all:", "--no-binary", "physment-mcp", "--no-binary", "physment-harbor")
@@ -51,7 +51,8 @@ def tested(python: str | Path, *tests: str) -> int:
 
 def client(name: str) -> int:
     """Test the package of a framework that plays through the referee; skipped if it cannot be installed."""
-    installed(name, "-e", "integrations/client", "-e", f"integrations/{name}", "uv", "pytest")
+    ours = ("-e", ".") if name == "trl" else ()  # its extra `in-process`
+    installed(name, "-e", "integrations/client", "-e", f"integrations/{name}", *ours, "uv", "pytest")
     return tested(sys.executable, f"tests/integrations/test_{name}.py")
 
 

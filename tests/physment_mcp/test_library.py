@@ -11,6 +11,7 @@ from typing import Any
 import anyio
 import pytest
 from mcp import Client
+from mcp.types import TextContent
 
 import physment_mcp
 from physment_mcp import EpisodeOver, OpenEpisode, RefusedCall, SceneError, open_episode
@@ -80,6 +81,16 @@ async def test_an_episode_in_process_is_the_episode_that_mcp_serves(episode: Ope
         for tool, arguments in SCRIPT:
             result = await client.call_tool(tool, arguments)
             assert result.structured_content == episode.call(tool, **arguments)
+
+
+async def test_a_prompt_with_a_budget_is_the_one_that_mcp_serves(episode: OpenEpisode, folder: Path) -> None:
+    async with Client(open_episode(7, scenes_dir=folder).server()) as client:
+        served = await client.get_prompt("scene", {"prompting": "one-shot-cot", "budget": "12"})
+    assert [message.content for message in served.messages] == [
+        TextContent(type="text", text=episode.prompt_for(12, "one-shot-cot"))
+    ]
+    with pytest.raises(ValueError, match="two-shot"):
+        episode.prompt_for(12, "two-shot")
 
 
 def test_the_tools_are_described_as_mcp_publishes_them(episode: OpenEpisode) -> None:

@@ -1,0 +1,164 @@
+"""An episode of the laboratory as an environment of TRL: `reset` opens it, its tools are methods, it owns its reward.
+
+Public methods of an environment are tools for TRL, so everything else has a leading underscore.
+"""
+
+import logging
+from typing import Any, Protocol
+
+from physment_referee import ANSWER, read_variants
+
+from physment_trl.methods import TOOLS, method_of
+
+_LOG = logging.getLogger("physment_trl")
+
+CLOSED = "The episode has ended: your answer was accepted, and no call is run any more. Reply without a call."
+"""What every tool returns after an accepted answer. TRL generates until a reply holds no call."""
+
+
+class EpisodeLost(Exception):
+    """The episode failed for a reason that says nothing about the agent."""
+
+
+class OpenEpisode(Protocol):
+    """An episode that is being played."""
+
+    prompt: str
+
+    def call(self, tool: str, arguments: dict[str, Any]) -> tuple[str, bool]:
+        """Call a tool; returns the text for the model, and whether the call was run rather than refused.
+
+        Raises:
+            EpisodeLost: The episode failed.
+        """
+        ...
+
+    def reward(self, calls: int) -> float:
+        """Return the reward, once; an episode without an answer ends as budget exhausted.
+
+        Raises:
+            EpisodeLost: The episode failed.
+        """
+        ...
+
+    def close(self) -> None:
+        """Close the episode without a reward."""
+        ...
+
+
+class LaboratoryEnvironment:
+    """One rollout at a time. TRL reuses an environment: each `reset` opens another episode.
+
+    Subclasses open episodes. The 26 tools of the laboratory are methods of this class. A refused call returns the
+    reason as text, as in `physment-eval`.
+    """
+
+    def __init__(self) -> None:
+        """Create the environment without an episode."""
+        self._episode: OpenEpisode | None = None
+        self._calls = 0
+        self._answered = False
+        self._reward: float | None = None
+
+    def reset(
+        self,
+        scene: int | None = None,
+        seed: int | None = None,
+        world: dict[str, Any] | None = None,
+        split: str | None = None,
+        index: int | None = None,
+        random_seed: int | None = None,
+        budget: int | None = 20,
+        max_calls: int | None = 10000,
+        prompting: str | None = "zero-shot",
+        **_row: Any,
+    ) -> str:
+        """Open the episode that a row of the dataset names. A column that is None stands for its default.
+
+        Args:
+            scene: Id of the scene.
+            seed: Variant of the scene.
+            world: Selects worlds instead of a scene, such as `{"level": 5}`.
+            split: Name of a split, such as `train`, from which the variant is taken.
+            index: Index in the split.
+            random_seed: Draws an index in the split.
+            budget: Iterations that the prompt names; `max_tool_calling_iterations` of the trainer must be the same.
+            max_calls: Tool calls after which the laboratory ends the episode.
+            prompting: `zero-shot`, `one-shot-cot` or `few-shot-cot`.
+
+        Returns:
+            The prompt, which TRL appends to the last message of the row.
+        """
+        self._leave()
+        self._calls, self._answered, self._reward = 0, False, None
+        named = {"scene": scene, "seed": seed, "split": split, "index": index, "random_seed": random_seed}
+        played = {"budget": budget, "max_calls": max_calls, "prompting": prompting}
+        # A dataset fills the keys that other rows have with None, in nested columns, too.
+        world = {name: value for name, value in (world or {}).items() if value is not None}
+        wanted = {**named, "world": world or None, **played}
+        self._episode = self._open({name: value for name, value in wanted.items() if value is not None})
+        return self._episode.prompt
+
+    def get_reward(self) -> float | None:
+        """Return the reward of the episode; None, which TRL leaves out of the group, if the episode was lost.
+
+        An answer fixes the reward. An episode without one ends here, as budget exhausted.
+        """
+        if self._episode is not None:
+            self._settle()
+        return self._reward
+
+    def _open(self, wanted: dict[str, Any]) -> OpenEpisode:
+        raise NotImplementedError
+
+    def _call(self, tool: str, arguments: dict[str, Any]) -> str:
+        """Call a tool; returns what the model reads.
+
+        Raises:
+            EpisodeLost: No episode is open, or it failed. TRL goes on, and the rollout has no reward.
+        """
+        if self._answered:
+            return CLOSED
+        if self._episode is None:
+            raise EpisodeLost("no episode is open: it was lost, or reset was not called")
+        try:
+            text, ran = self._episode.call(tool, arguments)
+        except EpisodeLost as error:
+            _LOG.warning("the rollout has no reward: %s", error)
+            self._leave()
+            raise
+        self._calls += 1
+        if tool == ANSWER and ran:
+            self._answered = True
+            self._settle()
+        return text
+
+    def _settle(self) -> None:
+        """Request the reward, and give up the episode."""
+        episode, self._episode = self._episode, None
+        assert episode is not None
+        try:
+            self._reward = episode.reward(self._calls)
+        except EpisodeLost as error:
+            _LOG.warning("the rollout has no reward: %s", error)
+
+    def _leave(self) -> None:
+        episode, self._episode = self._episode, None
+        if episode is not None:
+            episode.close()
+
+
+for _tool in TOOLS:
+    setattr(LaboratoryEnvironment, _tool["name"], method_of(_tool))
+
+
+def rows(**selection: Any) -> list[dict[str, Any]]:
+    """Rows of a dataset for `GRPOTrainer`, each with an empty prompt, to which `reset` adds that of the laboratory.
+
+    Args:
+        selection: As for `physment_referee.read_variants`, such as `split="train", random_seeds="1-1000"`.
+
+    Raises:
+        ValueError: An argument is malformed; the message is one sentence.
+    """
+    return [{"prompt": [{"role": "user", "content": ""}], **variant} for variant in read_variants(**selection)]

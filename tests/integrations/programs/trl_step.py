@@ -1,0 +1,141 @@
+"""Trains a tiny model for one step with TRL's own trainer on the laboratory, in the environment of TRL.
+
+trl_step.py MODEL BACKEND GENERATIONS BUDGET ROW...    prints a line of JSON; a row of the dataset is JSON, too
+
+The model has random weights. With MODEL `random` it samples for itself. With an address, the server there says what
+the first half of each group samples, as tokens of this model; the second half answers 0 at once. TRL does all the rest:
+prompts, parsing, tool calls, rewards, advantages, and the step of the optimiser.
+"""
+
+import json
+import sys
+import tempfile
+import time
+import urllib.request
+from pathlib import Path
+from typing import Any
+
+import torch
+import trl
+from datasets import Dataset
+from physment_trl import PhysMent, rows
+from physment_trl.in_process import InProcessPhysMent
+from tokenizers import Tokenizer, decoders, models, pre_tokenizers, trainers
+from transformers import PreTrainedTokenizerFast, Qwen3Config, Qwen3ForCausalLM
+from trl import GRPOConfig, GRPOTrainer
+
+MARKS = ["<|endoftext|>", "<|im_start|>", "<|im_end|>"]
+ENVIRONMENTS = {"referee": PhysMent, "process": InProcessPhysMent}
+LONGEST = 16384
+"""Tokens of a prompt with its completion; the descriptions of the tools and the prompt take about 6,000."""
+
+
+def tokenizer_of(text: str) -> Any:
+    """A byte-level tokenizer made from the text that it will read, with the chat template of Qwen 3 that TRL holds."""
+    made = Tokenizer(models.BPE())
+    made.pre_tokenizer, made.decoder = pre_tokenizers.ByteLevel(add_prefix_space=False), decoders.ByteLevel()
+    alphabet = pre_tokenizers.ByteLevel.alphabet()
+    made.train_from_iterator(
+        [text], trainers.BpeTrainer(vocab_size=1500, special_tokens=MARKS, initial_alphabet=alphabet)
+    )
+    tokenizer = PreTrainedTokenizerFast(tokenizer_object=made, eos_token=MARKS[2], pad_token=MARKS[0])
+    tokenizer.chat_template = (Path(trl.__file__).parent / "chat_templates" / "qwen3.jinja").read_text("utf-8")
+    return tokenizer
+
+
+class ScriptedModel(Qwen3ForCausalLM):
+    """A model whose samples are written by a script; its probabilities and gradients are its own."""
+
+    tokenizer: Any
+    server: str
+    generations: int
+
+    def generate(self, input_ids: Any, attention_mask: Any, **_options: Any) -> Any:
+        """Append the scripted reply to each conversation."""
+        said = []
+        for ids, mask in zip(input_ids, attention_mask, strict=True):
+            text = self.tokenizer.decode(ids[mask.bool()], skip_special_tokens=False)
+            said.append(torch.tensor(self.tokenizer.encode(self.reply(text) + MARKS[2])))
+        width = max(map(len, said))
+        padded = [torch.cat([ids, torch.full((width - len(ids),), self.tokenizer.pad_token_id)]) for ids in said]
+        return torch.cat([input_ids, torch.stack(padded)], dim=1)
+
+    def reply(self, text: str) -> str:
+        """Text of the next reply in a conversation."""
+        first, *turns = [part.partition("\n") for part in text.split(MARKS[1])[2:]]
+        contents = [(role, content.removesuffix("\n").removesuffix(MARKS[2])) for role, _, content in [first, *turns]]
+        replies = [content for role, content in contents[:-1] if role == "assistant"]
+        if replies and '"answer"' in replies[-1]:
+            return "Done."
+        if self.lazy(replies):
+            return '<tool_call>\n{"name": "answer", "arguments": {"answer": 0}}\n</tool_call>'
+        messages = [
+            {"role": role, "content": content}
+            if role == "assistant"
+            else {
+                "role": "user",
+                "content": content.removeprefix("<tool_response>\n").removesuffix("\n</tool_response>"),
+            }
+            for role, content in contents[:-1]
+        ]
+        body = json.dumps({"model": "scripted", "messages": messages}).encode()
+        request = urllib.request.Request(f"{self.server}/v1/chat/completions", body)
+        with urllib.request.urlopen(request) as reply:
+            message = json.loads(reply.read())["choices"][0]["message"]
+        if not message.get("tool_calls"):
+            return message["content"]
+        function = message["tool_calls"][0]["function"]
+        return f'<tool_call>\n{{"name": "{function["name"]}", "arguments": {function["arguments"]}}}\n</tool_call>'
+
+    def lazy(self, replies: list[str]) -> bool:
+        """Whether this conversation, which has no reply yet, is one of the second half of its group."""
+        if replies:
+            return False
+        self.begun = getattr(self, "begun", -1) + 1
+        return self.begun % self.generations >= self.generations // 2
+
+
+def main(server: str, backend: str, generations: str, budget: str, *variants: str) -> None:
+    """Train for one step, and print what the trainer logged, the conversations, and whether the weights changed."""
+    count, environment = int(generations), ENVIRONMENTS[backend]
+    named = [json.loads(row) for row in variants]
+    (blank,) = rows(scenes="7")
+    dataset = Dataset.from_list([{"prompt": blank["prompt"], "budget": int(budget), **row} for row in named])
+    torch.manual_seed(1)
+    tokenizer = tokenizer_of(probe(environment, named[0]))
+    config = Qwen3Config(
+        vocab_size=len(tokenizer), hidden_size=32, intermediate_size=64, num_hidden_layers=2, num_attention_heads=2,
+        num_key_value_heads=1, head_dim=16, max_position_embeddings=LONGEST, pad_token_id=tokenizer.pad_token_id,
+        eos_token_id=tokenizer.eos_token_id, bos_token_id=None,
+    )  # fmt: skip
+    model = Qwen3ForCausalLM(config) if server == "random" else ScriptedModel(config)
+    if isinstance(model, ScriptedModel):
+        model.tokenizer, model.server, model.generations = tokenizer, server, count
+    before = [weight.detach().clone() for weight in model.parameters()]
+    with tempfile.TemporaryDirectory() as folder:
+        arguments = GRPOConfig(
+            output_dir=folder, max_steps=1, num_generations=count, per_device_train_batch_size=count * len(named),
+            max_completion_length=32 if server == "random" else LONGEST // 2, max_tool_calling_iterations=int(budget),
+            learning_rate=1e-3, logging_steps=1, report_to="none", use_cpu=True, bf16=False, save_strategy="no",
+            shuffle_dataset=False, disable_tqdm=True, log_completions=False,
+        )  # fmt: skip
+        trainer = GRPOTrainer(
+            model, args=arguments, train_dataset=dataset, processing_class=tokenizer, environment_factory=environment
+        )
+        begun = time.process_time()
+        trainer.train()
+    logged = next(entry for entry in trainer.state.log_history if "reward" in entry)
+    changed = any(not torch.equal(old, new) for old, new in zip(before, model.parameters(), strict=True))
+    again = [one.get_reward() for one in trainer.environments]
+    print(json.dumps({"log": logged, "rewards": again, "changed": changed, "cpu_s": time.process_time() - begun}))
+
+
+def probe(environment: Any, variant: dict[str, Any]) -> str:
+    """A prompt, from which the tokenizer is made."""
+    opened = environment()
+    text = opened.reset(**variant)
+    opened._leave()
+    return text
+
+
+main(*sys.argv[1:])
