@@ -26,7 +26,7 @@ from evaluator.episode.connect import HostConnector
 from evaluator.episode.loop import play_episode
 from evaluator.episode.player import Briefing
 from evaluator.errors import InfrastructureError, RefusedRequest, ServerFull
-from evaluator.records.episode import Episode, EpisodeKey, Grade, Outcome
+from evaluator.records.episode import Episode, EpisodeKey, Grade, Outcome, Verdict
 from evaluator.records.run import RunRecord
 from evaluator.referee.contract import EndedEpisode, OpenedEpisode, Reward, Variant, WantedEpisode, WantedVariants
 from evaluator.referee.metrics import Metrics
@@ -49,7 +49,7 @@ class _Watched:
     """An open episode that is not graded yet."""
 
     key: EpisodeKey
-    split: str
+    variant: Variant
     max_calls: int
     owner_token: str
     prompt: str
@@ -110,20 +110,20 @@ class Referee:
         """Number of episodes that are open or being opened."""
         return len(self._open) + self._opening
 
-    async def open(self, wanted: WantedEpisode, count: int = 1) -> list[OpenedEpisode]:
+    async def open(self, wanted: WantedEpisode, count: int = 1, curriculum: str | None = None) -> list[OpenedEpisode]:
         """Open episodes of one variant on the server; all or none.
 
         Args:
             wanted: The variant.
             count: Number of episodes.
+            curriculum: Name of the curriculum that draws the variant, whose window follows their rewards.
 
         Raises:
             RefusedRequest: There is no such variant, it has no key, or too many episodes are open.
             InfrastructureError: The server failed.
         """
         async with self._places(count), AsyncExitStack() as closing:
-            (agent,) = self.record.plan.agents
-            variant, key = await self._selected(wanted, agent)
+            variant, key = await self._selected(wanted, self.record.plan.agents[0], curriculum)
             episodes: list[_Watched] = []
             briefing: Briefing | None = None
             for _ in range(count):
@@ -135,13 +135,15 @@ class Referee:
             self.metrics.opened += count
             return [self._register(variant, episode, briefing) for episode in episodes]
 
-    async def _selected(self, wanted: WantedEpisode, agent: str) -> tuple[Variant, EpisodeKey]:
+    async def _selected(
+        self, wanted: WantedEpisode, agent: str, curriculum: str | None = None
+    ) -> tuple[Variant, EpisodeKey]:
         """Return the variant to open, with the key under which its episode is recorded.
 
         Raises:
             RefusedRequest: There is no such variant, it cannot be proved, or it has no answer key.
         """
-        variant = await self._in_thread(functools.partial(self.variants.select, wanted))
+        variant = await self._in_thread(functools.partial(self.variants.select, wanted, curriculum))
         if self.prover is not None:
             variant = await proved_variant(self.prover, wanted, variant)
         return variant, await self._in_thread(functools.partial(self.variants.key, variant, wanted, agent))
@@ -196,7 +198,7 @@ class Referee:
             closing = stack.pop_all()
         episode = _Watched(
             key=key,
-            split=variant.split,
+            variant=variant,
             max_calls=max_calls,
             owner_token=secrets.token_urlsafe(24),
             prompt=briefing.prompt,
@@ -242,6 +244,7 @@ class Referee:
         await self._close(episode_id)
         self.metrics.rewards[found.outcome] += 1
         self.metrics.reward_sum += found.reward
+        self.variants.curricula.add(episode.variant, right=found.grade.strict is Verdict.CORRECT)
         return found
 
     async def _grade(self, episode: _Watched, ended: EndedEpisode) -> Reward:
@@ -272,7 +275,7 @@ class Referee:
         if self.folder is not None:
             # Record the episode before its reward is sent, so that no run loses a finished episode.
             await self._in_thread(functools.partial(self.folder.append_episode, played))
-            self.recording.splits.add(episode.split)
+            self.recording.splits.add(episode.variant.split)
         return found
 
     async def _reward(self, played: Episode, iterations: int, calls: int) -> Reward:

@@ -4,7 +4,8 @@ import anyio.to_thread
 
 from evaluator.certify.seed_proofs import SeedProver
 from evaluator.errors import RefusedRequest
-from evaluator.referee.contract import Variant, WantedEpisode, next_variant
+from evaluator.referee.contract import Variant, WantedEpisode
+from evaluator.referee.selection import next_variant
 from scenes import find_pack
 
 

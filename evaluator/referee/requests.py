@@ -2,8 +2,8 @@
 
 `POST /episodes {"scene": 7, "seed": 3}` opens an episode, `POST /episodes/ID/reward` grades it, `DELETE /episodes/ID`
 closes it, `POST /checks {"scene": 7, "seed": 3}` plays the reference protocol, `GET /variants?split=train` lists what a
-split offers, and `GET /metrics` is for Prometheus. Every refusal is a JSON object with one sentence. This module knows
-HTTP but no answer keys.
+split offers, `GET` and `DELETE /curricula/NAME` show and reset a curriculum, and `GET /metrics` is for Prometheus.
+Every refusal is a JSON object with one sentence. This module knows HTTP but no answer keys.
 """
 
 import contextlib
@@ -57,6 +57,7 @@ def app(referee: Referee, token: str | None = None) -> Starlette:
             Route("/healthz", answers.health),
             Route("/metrics", answers.answered(answers.metrics)),
             Route("/variants", answers.answered(answers.variants)),
+            Route("/curricula/{name}", answers.answered(answers.curriculum), methods=["GET", "DELETE"]),
             Route("/episodes", answers.answered(answers.open), methods=["POST"]),
             Route("/episodes/{episode_id}", answers.answered(answers.close), methods=["DELETE"]),
             Route("/episodes/{episode_id}/reward", answers.answered(answers.reward), methods=["POST"]),
@@ -138,7 +139,7 @@ class _Answers:
         """Open an episode."""
         self._check_token(request)
         wanted = await _body(request, WantedGroup, '{"scene": 7, "seed": 3}')
-        opened = await self._referee.open(wanted, wanted.count or 1)
+        opened = await self._referee.open(wanted, wanted.count or 1, wanted.curriculum)
         first = opened[0].variant
         found: dict[str, Any] = {
             "scene": first.scene,
@@ -159,6 +160,15 @@ class _Answers:
         self._check_token(request)
         wanted = _valid(WantedVariants, dict(request.query_params), "?split=train")
         return JSONResponse(asdict(await self._referee.listed(wanted)))
+
+    async def curriculum(self, request: Request) -> Response:
+        """Return the window of a curriculum, or forget it."""
+        self._check_token(request)
+        curricula, name = self._referee.variants.curricula, request.path_params["name"]
+        if request.method == "DELETE":
+            curricula.reset(name)
+            return Response(status_code=204)
+        return JSONResponse(curricula.state(name))
 
     async def metrics(self, request: Request) -> Response:
         """Return the counters for Prometheus."""

@@ -1,5 +1,6 @@
 """What a trainer may play: the variant that a request selects, and facts about the scenes of a split."""
 
+import secrets
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
@@ -10,7 +11,9 @@ from evaluator.episode.broken_connection import without_seed
 from evaluator.errors import RefusedRequest, UsageError
 from evaluator.records.episode import EpisodeKey
 from evaluator.records.run import RunRecord
-from evaluator.referee.contract import Variant, WantedEpisode, WantedVariants, pool_of, variant_of
+from evaluator.referee.contract import Variant, WantedEpisode, WantedVariants
+from evaluator.referee.curriculum import Curricula, steps_of
+from evaluator.referee.selection import curriculum_pool, pool_of, variant_of
 from evaluator.scores.grouping import rung
 from evaluator.study.provenance import played_worlds
 from scenes import ErratumEffect, default_folder, find_pack, is_world, pack_hash, place_of, reference_of
@@ -62,19 +65,24 @@ class Variants:
     record: RunRecord
     difficulties: Mapping[int, tuple[float, float]] = field(default_factory=dict[int, tuple[float, float]])
     """Scene → its difficulty and the standard error of it [logits]."""
+    curricula: Curricula = field(default_factory=Curricula)
     _certificates: dict[int, SceneCertificate] | None = None
 
     @property
     def _held_back(self) -> bool:
         return bool(self.record.plan.held_back)
 
-    def select(self, wanted: WantedEpisode) -> Variant:
-        """Return the variant that a request selects.
+    def select(self, wanted: WantedEpisode, curriculum: str | None = None) -> Variant:
+        """Return the variant that a request selects, or draw one from the window of a curriculum.
 
         Raises:
-            RefusedRequest: The request names no variant, or more than one.
+            RefusedRequest: The request names no variant, or more than one, or the curriculum has other scenes.
         """
-        return variant_of(wanted, held_back=self._held_back, folder=self.keys.folder)
+        if curriculum is None:
+            return variant_of(wanted, held_back=self._held_back, folder=self.keys.folder)
+        pool = curriculum_pool(wanted, held_back=self._held_back, folder=self.keys.folder)
+        random_seed = secrets.randbits(64) if wanted.random_seed is None else wanted.random_seed
+        return self.curricula.draw(curriculum, pool, steps_of(pool, self.difficulties), random_seed)
 
     def key(self, variant: Variant, wanted: WantedEpisode, agent: str) -> EpisodeKey:
         """Return the key under which an episode is recorded.

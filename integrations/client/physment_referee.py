@@ -107,8 +107,8 @@ class Referee:
             scene: Id of the scene.
             seed: Variant of the scene; 0 if neither it nor a split is named.
             options: `split` with `index` or `random_seed` instead of a seed; `world` instead of a scene, such as
-                `{"level": 5}`; `budget`, `max_calls` and `prompting`, if other than the referee's defaults. None stands
-                for the default.
+                `{"level": 5}`; `curriculum` with a split or a world, to draw from the window of that name; `budget`,
+                `max_calls` and `prompting`, if other than the referee's defaults. None stands for the default.
 
         Raises:
             RefereeError: The referee refused, or cannot be reached.
@@ -144,6 +144,22 @@ class Referee:
             RefereeError: The referee refused, or cannot be reached.
         """
         return self._ask("GET", f"/variants?{urllib.parse.urlencode(_given(**query))}", None, self.token)
+
+    def curriculum(self, name: str) -> dict[str, Any]:
+        """The window of a curriculum: its `low` and `high` step, and the scenes of all `steps`, the easiest first.
+
+        Raises:
+            RefereeError: No episode was drawn from it yet, the referee refused, or cannot be reached.
+        """
+        return self._ask("GET", f"/curricula/{name}", None, self.token)
+
+    def reset_curriculum(self, name: str) -> None:
+        """Forget a curriculum, which then begins at the easiest step.
+
+        Raises:
+            RefereeError: The referee refused, or cannot be reached.
+        """
+        self._ask("DELETE", f"/curricula/{name}", None, self.token)
 
     def reward(self, episode_id: str, owner_token: str, *, iterations: int, end: End | None = None) -> Reward:
         """Request the reward of an episode. The referee gives it once.

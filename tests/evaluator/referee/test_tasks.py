@@ -11,7 +11,8 @@ import pytest
 
 from evaluator.answers.keys import KeyRing
 from evaluator.commands.program import main
-from evaluator.referee.contract import WantedEpisode, variant_of
+from evaluator.referee.contract import WantedEpisode
+from evaluator.referee.selection import variant_of
 from evaluator.referee.tasks import COLUMNS, SPLITS
 from scenes import CANARY
 from scenes.splits import splits

@@ -17,9 +17,10 @@ from evaluator.episode.loop import play_episode
 from evaluator.errors import RefusedRequest
 from evaluator.records.run import Plan, RunRecord, ServerRecord
 from evaluator.records.seed_key import SeedKey, SeedOf, seed_as_recorded
-from evaluator.referee.contract import Variant, WantedEpisode, variant_of
+from evaluator.referee.contract import Variant, WantedEpisode
 from evaluator.referee.episodes import Referee
 from evaluator.referee.requests import app
+from evaluator.referee.selection import variant_of
 from evaluator.scores.scoring import grade_run
 from evaluator.store.run_folder import RunFolder
 from scenes.splits import splits

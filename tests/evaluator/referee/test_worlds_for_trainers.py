@@ -12,9 +12,10 @@ from evaluator.answers.keys import KeyRing
 from evaluator.episode.connect import HostConnector, connect
 from evaluator.errors import RefusedRequest
 from evaluator.records.run import Plan, RunRecord, ServerRecord
-from evaluator.referee.contract import Variant, WantedEpisode, variant_of
+from evaluator.referee.contract import Variant, WantedEpisode
 from evaluator.referee.episodes import Referee
 from evaluator.referee.requests import app
+from evaluator.referee.selection import variant_of
 from evaluator.store.run_folder import RunFolder
 from scenes.world_names import scene_id_of
 from tests.builders.worlds import write_worlds
