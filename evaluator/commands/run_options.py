@@ -227,8 +227,9 @@ def _conditions(group: "ArgumentGroup") -> None:
         "--presentation",
         default="",
         metavar="C,…",
-        help=f"{' · '.join(Change)}: play the episodes in other words, with other ids of objects, or with lists of"
-        " objects reversed; `compare` with a run without it shows whether that matters (default: none)",
+        help=f"{' · '.join(Change)}: play the episodes in other words, with other ids of objects, with lists of"
+        " objects reversed, or with tools that use cm, ms and g; `compare` with a run without it shows whether that"
+        " matters (default: none)",
     )
     group.add_argument(
         "--observations",
