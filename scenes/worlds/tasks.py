@@ -60,7 +60,7 @@ Find out enough to answer three questions. Their situations need not be within y
 
 {questions}
 
-The laboratory as it is decides. Answer with a list of three numbers, in {units}."""
+The laboratory as it is decides. Answer with a list of three numbers: {units}."""
 _WHERE = {
     Apparatus.PUCK: "; but the floor has no rim and no wall",
     Apparatus.PAIR: "; but the floor has no rim and no wall",
@@ -95,7 +95,10 @@ def task_of(record: WorldRecord) -> str:
     questions = [
         f"{letter}: {_asked(apparatus, question)}" for letter, question in zip(LETTERS, record.questions, strict=False)
     ]
-    units = ", ".join(asked_of(apparatus, question)[1] for question in record.questions)
+    units = ", ".join(
+        f"{letter} the number of a term" if question.options else f"{letter} in {asked_of(apparatus, question)[1]}"
+        for letter, question in zip(LETTERS, record.questions, strict=False)
+    )
     ask = _ASK.format(where=_WHERE[apparatus], questions="\n\n".join(questions), units=units)
     return f"{opening}\n\n{_family(apparatus)}\n\n{ask}"
 
@@ -134,7 +137,7 @@ def asked_of(apparatus: Apparatus, question: Question) -> tuple[str, str, str]:
         case "push":
             size = f"{question.size:g} {'rad' if wheel else 'm'}"
             load, unit = ("torque", "N·m") if wheel else ("force", "N")
-            comes = f"{'turned' if wheel else 'come'} {size} or more in that direction"
+            comes = f"{'turned' if wheel else 'come'} {size} or more in that direction at that moment"
             return f"How large must the {load} be at least, so that {it} has {comes}?", unit, f"least {load}"
         case what if not apparatus.flat:
             return _LINE_NUMBERS[apparatus, what]

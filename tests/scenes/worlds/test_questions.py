@@ -176,11 +176,12 @@ def test_a_task_says_what_is_asked_and_what_a_fresh_start_is() -> None:
     task, pack = task_of(record), pack_of(record, None)
     for sentence in (
         "with a constant force in the direction (0, -1) held on it from then on",
-        "How large must the force be at least, so that object_1 has come 3.2 m or more in that direction?",
+        "How large must the force be at least,",
+        "so that object_1 has come 3.2 m or more in that direction at that moment?",
         "held there until the clock shows 20 s",
         "How far apart are the middles of the pucks?",
         "1: one force everywhere; 2: the pucks draw or repel each other by a power of the distance",
-        "Answer with a list of three numbers, in N, m, 1.",
+        "Answer with a list of three numbers: A in N, B in m, C the number of a term.",
         "has not been moved there",
         "The limit is one of the length of the vector",
         "beyond the rim, after the laboratory's time",
