@@ -21,10 +21,17 @@ def advanced(rates: Callable[[Any, Array], Array], time: Any, state: Array, dura
     """
     count = max(1, int(np.ceil(np.max(duration) / longest_s)))
     h = duration / count
+    half, sixth = h / 2, h / 6
     for _ in range(count):
         a = rates(time, state)
-        b = rates(time + h / 2, state + h / 2 * a)
-        c = rates(time + h / 2, state + h / 2 * b)
-        d = rates(time + h, state + h * c)
-        state, time = state + h / 6 * (a + 2 * b + 2 * c + d), time + h
+        b = rates(time + half, state + half * a)
+        c = rates(time + half, state + half * b)
+        time = time + h
+        d = rates(time, state + h * c)
+        change = 2 * b  # then in place: the arrays that `rates` returned may be in use elsewhere
+        change += a
+        change += 2 * c
+        change += d
+        change *= sixth
+        state = state + change
     return state

@@ -17,12 +17,13 @@ from evaluator.answers.engine import Engine
 from evaluator.certify.parallel import in_processes
 from scenes import WorldError
 from scenes.worlds.acceptance import IDENTIFIABLE, Maker, bounds_of
+from scenes.worlds.answering import answers
 from scenes.worlds.experiment import Array, simulated
 from scenes.worlds.levels import GRAMMAR, Difficulty
 from scenes.worlds.orders import WorldOrder
-from scenes.worlds.packs import StartState, mjcf_of
+from scenes.worlds.packs import TIMESTEP_S, StartState, mjcf_of
 from scenes.worlds.parts import Apparatus
-from scenes.worlds.questions import Question, answers, option_of, tolerance, value_of
+from scenes.worlds.questions import Question, option_of, tolerance, value_of
 from scenes.worlds.records import Certificate, WorldRecord
 from scenes.worlds.terms import Structure
 
@@ -32,6 +33,8 @@ _BESIDE = 1.02
 """Second guess of the force, as a multiple of the first."""
 _FORCE_TOL = 1e-4
 """Difference of successive forces at which the search stops [N, N·m]."""
+_HELD_STEPS = 4
+"""Time step while bodies are held, as a multiple of the usual one: hidden bodies then move smoothly, and for long."""
 _HELD = 1e12
 """Inertia that keeps bodies at rest until they are released [kg, kg·m²]."""
 
@@ -95,7 +98,8 @@ def _at_release(record: WorldRecord, question: Question, timestep: float | None)
     rows = state[: structure.read].reshape(structure.bodies, 2, width)
     rows[:, 0] = np.array(question.place).reshape(structure.bodies, width)
     if question.clock and len(state) > structure.read:
-        held = Engine(mjcf_of(record, walled=False, padded=False, start=StartState(0.0, tuple(state))), timestep)
+        longer = _HELD_STEPS * (timestep or TIMESTEP_S)
+        held = Engine(mjcf_of(record, walled=False, padded=False, start=StartState(0.0, tuple(state))), longer)
         joints = ["hinge"] if record.apparatus is Apparatus.WHEEL else list("xy"[:width])
         bodies = range(1, structure.bodies + 1)
         held = held.changed({f"joint[object_{body}_{joint}].armature": _HELD for body in bodies for joint in joints})

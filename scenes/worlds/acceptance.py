@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from scenes.errors import WorldError
 from scenes.fitting import Array
+from scenes.worlds.answering import answers, answers_without_parts, gradients
 from scenes.worlds.asking import drawn, nearby
 from scenes.worlds.confusion import mistakable
 from scenes.worlds.drawing import draw_constants, draw_structure
@@ -22,7 +23,7 @@ from scenes.worlds.experiment import SEARCH_S, Situation, laws_of_fit, on_unit, 
 from scenes.worlds.levels import Difficulty
 from scenes.worlds.parts import Apparatus
 from scenes.worlds.predictions import on_course
-from scenes.worlds.questions import Question, answers, tolerance
+from scenes.worlds.questions import Question, tolerance
 from scenes.worlds.refits import Refits, constants_of, units_of
 from scenes.worlds.rivals import rival_of
 from scenes.worlds.search import Search
@@ -108,9 +109,13 @@ class Maker:
         matter, key = self._repaired(structure, constants, asked)
         if constants != before:
             _refuse_wild(structure, constants, told)
+        worth = np.flatnonzero(matter.any(axis=0) & _sane(key))
+        if len(worth) < ASKED:
+            raise Refused("three questions miss a part")
+        asked, matter = [asked[number] for number in worth], matter[:, worth]
         information = _Information(structure, constants, told, asked)
         spread = information.spread(told.looks)
-        chosen = _chosen(asked, matter & _sane(key) & (spread < IDENTIFIABLE), spread)
+        chosen = _chosen(asked, matter & (spread < IDENTIFIABLE), spread)
         told = information.tightened(self.difficulty.bound, chosen)
         questions = tuple(asked[number] for number in chosen)
         bounds = _Information(structure, constants, told, questions).spread(told.looks)
@@ -131,8 +136,8 @@ class Maker:
     ) -> tuple[Flags, Array]:
         """Redraw the constants of parts without effect; returns which questions each part affects."""
         for _ in range(_REDRAWN):
-            key = answers(structure, constants, asked, _QUICK_S)[:, 0]
-            matter = _matters(structure, constants, asked, key)
+            found = answers_without_parts(structure, constants, asked, _QUICK_S)
+            key, matter = found[:, 0], _matters(found[:, 0], found[:, 1:])
             useless = [part for part, row in zip(structure.parts, matter, strict=True) if not (row & _sane(key)).any()]
             if not useless:
                 return matter, key
@@ -166,14 +171,9 @@ def _less(
     return fewer, {new: value for name, value in constants.items() if (new := renamed(name)) is not None}
 
 
-def _matters(structure: Structure, constants: Mapping[str, float], asked: Sequence[Question], key: Array) -> Flags:
+def _matters(key: Array, without: Array) -> Flags:
     """Return for each part and question whether the part changes the answer, before any fit."""
-    rows: list[Flags] = []
-    for part in structure.parts:
-        fewer, rest = _less(structure, constants, part)
-        changed: Array = answers(fewer, rest, asked, _QUICK_S)[:, 0]
-        rows.append(np.abs(_finite(changed) - key) > MATTERS * tolerance(key))
-    return np.array(rows)
+    return (np.abs(_finite(without) - key[:, None]) > MATTERS * tolerance(key)[:, None]).T
 
 
 def _refuse_wild(structure: Structure, constants: Mapping[str, float], told: Situation) -> None:
@@ -203,9 +203,8 @@ class _Information:
         self._told = told
         self._slope: Array = (misfits[:, 1:] - misfits[:, :1]) / _SHIFT
         self._prior: Array = self._slope[course.readings.size :]
-        found = answers(structure, laws.constants(structure.label, around), asked, 0.03)
-        self._gradient: Array = (found[:, 1:] - found[:, :1]) / _SHIFT
-        self._tolerance = tolerance(found[:, 0])
+        found, self._gradient = gradients(structure, laws.constants(structure.label, around), _SHIFT, asked, 0.03)
+        self._tolerance = tolerance(found)
 
     def spread(self, looks: int) -> Array:
         """Return the smallest standard error of each answer after a number of readings, in tolerances."""

@@ -7,10 +7,11 @@ from dataclasses import replace
 import numpy as np
 
 from scenes.fitting import Array
+from scenes.worlds.answering import answers
 from scenes.worlds.drawing import options_with
 from scenes.worlds.experiment import Situation
 from scenes.worlds.levels import Difficulty, kinds_for
-from scenes.worlds.questions import Question, answers
+from scenes.worlds.questions import Question
 from scenes.worlds.terms import Structure
 
 LATEST_S = 10.0

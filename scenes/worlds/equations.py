@@ -14,22 +14,24 @@ from numpy.typing import NDArray
 from scenes import integration
 from scenes.worlds.law_texts import ODO_RATE, WALL, swapped
 from scenes.worlds.parts import Apparatus
+from scenes.worlds.straight_line import Program
 from scenes.worlds.terms import Structure
 
 Array = NDArray[np.float64]
-Rates = Callable[[Mapping[str, Any], Any, Any, Any], Any]
-"""Time derivative of a state from constants, time [s], state and controls; all may be arrays of trials."""
+Rate = Callable[[Any, Any], Any]
+"""Time derivative of a state from time [s] and state; both may be arrays of trials."""
+Rates = Callable[[Mapping[str, Any], Any], Rate]
+"""The rate for constants and controls; both may be arrays of trials."""
 
-_SCOPE = {name: getattr(np, name) for name in ("sqrt", "sin", "cos", "exp", "tanh", "maximum", "empty_like")}
-_SINGLE = {name: getattr(math, name) for name in ("sqrt", "sin", "cos", "exp", "tanh")} | {
-    "maximum": max,
-    "empty_like": list,
-}
+_SCOPE = {name: getattr(np, name) for name in ("sqrt", "sin", "cos", "exp", "tanh", "maximum", "empty_like", "where")}
+_SINGLE = {name: getattr(math, name) for name in ("sqrt", "sin", "cos", "exp", "tanh")} | {"maximum": max}
 """Functions for a single trial in Python floats, because calls of numpy functions on scalars are slow."""
 
 
 @functools.lru_cache(4096)
-def rates_of(structure: Structure, *, walled: bool, held: bool = False, single: bool = False) -> Rates:
+def rates_of(
+    structure: Structure, *, walled: bool, held: bool = False, single: bool = False, switched: bool = False
+) -> Rates:
     """Compile the time derivative of the state to one function.
 
     Args:
@@ -37,25 +39,57 @@ def rates_of(structure: Structure, *, walled: bool, held: bool = False, single: 
         walled: Whether the soft wall acts.
         held: Whether visible bodies are fixed while hidden bodies move.
         single: Whether states are lists of floats, for `followed`, instead of arrays.
+        switched: Whether each part has a constant more, by `switch_of`, that states whether the part acts.
     """
-    writer = _Writer(structure)
+    writer = _Writer(structure, switched=switched)
     if not held:  # what is held moves by no term
         writer.terms()
     if walled and not held:
         writer.walls()
     writer.seen(held=held)
     writer.unseen()
-    scope: dict[str, Any] = {**(_SINGLE if single else _SCOPE), "pi": math.pi}
+    return _compiled(writer, writer.rows, single=single)
+
+
+@functools.lru_cache(256)
+def hidden_rates_of(structure: Structure) -> Rates:
+    """Compile the accelerations of the hidden bodies to a function that returns a list of arrays.
+
+    Its state may be a list of arrays.
+    """
+    writer = _Writer(structure)
+    writer.unseen()
+    width = 2 if structure.apparatus.flat else 1
+    hidden = writer.rows[: 2 * width * len(structure.hidden)]  # the path length comes after them
+    rows = [row for at in range(width, len(hidden), 2 * width) for row in hidden[at : at + width]]
+    return _compiled(writer, rows, single=True, scope=_SCOPE)
+
+
+def switch_of(part: tuple[int, int | None]) -> str:
+    """Return the name of the constant that switches a part on and off."""
+    at, number = part
+    return f"on{at}" if number is None else f"on{at}m{number}"
+
+
+def _compiled(writer: "_Writer", rows: list[str], *, single: bool, scope: Mapping[str, Any] | None = None) -> Rates:
+    """Compile the lines of a writer to a function that returns rows."""
+    lines = ["def rates(K, F):", *(f" {line}" for line in writer.program.early), " def rate(t, S):"]
+    lines += [f"  {','.join(writer.structure.states)},=S", *(f"  {line}" for line in writer.program.late)]
+    if single:
+        lines.append(f"  return [{','.join(rows)}]")
+    else:
+        lines += ["  out=empty_like(S)", *(f"  out[{at}]={row}" for at, row in enumerate(rows)), "  return out"]
+    names: dict[str, Any] = {**(scope or (_SINGLE if single else _SCOPE)), "pi": math.pi}
     # Nothing but texts of `scenes.worlds` is executed.
-    exec("\n".join(["def rates(K, t, S, F):", *writer.lines, " return out"]), scope)  # noqa: S102 - as just said
-    return scope["rates"]
+    exec("\n".join([*lines, " return rate"]), names)  # noqa: S102 - as just said
+    return names["rates"]
 
 
 class _Writer:
-    """Generates the source of the function line by line."""
+    """Generates the operations of the function."""
 
-    def __init__(self, structure: Structure) -> None:
-        self.structure = structure
+    def __init__(self, structure: Structure, *, switched: bool = False) -> None:
+        self.structure, self.switched = structure, switched
         flat = structure.apparatus.flat
         self.places, self.speeds, self.pushes = (
             (("x", "y"), ("vx", "vy"), ("px", "py")) if flat else (("q",), ("u",), ("pq",))
@@ -63,13 +97,15 @@ class _Writer:
         self.bodies = range(1, structure.bodies + 1)
         self.sums = {(body, axis): [f"{push}{body}"] for body in self.bodies for axis, push in enumerate(self.pushes)}
         """Summands of each acceleration."""
-        self.row = 0
-        self.lines = [f" {name}=K[{name!r}]" for name in structure.ranges]
-        self.lines += [f" {','.join(structure.states)},=S", " out=empty_like(S)"]
+        self.rows: list[str] = []
+        """Variable or number of each time derivative, in the order of the states."""
+        self.program = Program(("t", *structure.states))
+        for name in (*structure.ranges, *(switch_of(part) for part in structure.parts if switched)):
+            self.program.let(name, f"K[{name!r}]")
         for body in self.bodies:
             for axis, push in enumerate(self.pushes):
                 control = (body - 1) * len(self.pushes) + axis
-                self.lines.append(f" {push}{body}=F[{control}]/{_mass(body)}")
+                self.program.let(f"{push}{body}", f"F[{control}]/{_mass(body)}")
 
     def names(self, body: int) -> dict[str, str]:
         """Local name → variable of the function."""
@@ -81,16 +117,19 @@ class _Writer:
         """Write the acceleration of each body by each term."""
         for at, term in enumerate(self.structure.terms):
             let, force, factors = term.written(at)
+            if self.switched:
+                factors = tuple(f"where({switch_of((at, n))},{text},1.0)" for n, text in enumerate(factors))
             for body in self.bodies:
                 if not self.structure.acts_on(term, body):
                     continue
                 names = self.names(body) | {name: f"{name}_{at}_{body}" for name in let}
-                self.lines += [f" {names[name]}={swapped(text, names)}" for name, text in let.items()]
-                gain = "*".join(f"({swapped(text, names)})" for text in factors) or "1.0"
-                self.lines.append(f" G{at}_{body}={gain}")
+                for name, text in let.items():
+                    self.program.let(names[name], swapped(text, names))
+                gain = "*".join(f"({swapped(text, names)})" for text in factors)
                 for axis, text in enumerate(force):
-                    part = f"A{at}_{body}_{axis}"
-                    self.lines.append(f" {part}=G{at}_{body}*({swapped(text, names)})")
+                    part, own = f"A{at}_{body}_{axis}", swapped(text, names)
+                    own = f"({gain})*({own})" if gain else own
+                    self.program.let(part, f"where({switch_of((at, None))},{own},0.0)" if self.switched else own)
                     self.sums[body, axis].append(part)
                     if term.kind.reaction:
                         self.sums[2, axis].append(f"(-m/m2*{part})")
@@ -104,7 +143,7 @@ class _Writer:
                 self.sums[1, 0].append(f"(-{WALL!r}/m*({back}))")
             elif self.structure.apparatus.flat:
                 far = f"sqrt(b{body}_x**2+b{body}_y**2+1e-12)"
-                self.lines.append(f" W{body}={WALL!r}/{_mass(body)}*maximum(1-{edge}/{far},0.0)")
+                self.program.let(f"W{body}", f"{WALL!r}/{_mass(body)}*maximum(1-{edge}/{far},0.0)")
                 for axis, name in enumerate(self.places):
                     self.sums[body, axis].append(f"(-W{body}*b{body}_{name})")
 
@@ -112,21 +151,20 @@ class _Writer:
         """Write the time derivative of the readable states."""
         for body in self.bodies:
             sums = ["+".join(self.sums[body, axis]) for axis in range(len(self.places))]
-            self._rows([f"b{body}_{speed}" for speed in self.speeds], sums, zero=held)
+            rows = [*(f"b{body}_{speed}" for speed in self.speeds), *sums]
+            self._rows(["0.0"] * len(rows) if held else rows)
 
     def unseen(self) -> None:
         """Write the time derivative of the hidden bodies and of the path length."""
         for at in self.structure.hidden:
             texts = self.structure.terms[at].hidden_at(at)
-            self._rows([f"h{at}_{speed}" for speed in self.speeds], [swapped(t, self.names(1)) for t in texts])
+            self._rows([*(f"h{at}_{speed}" for speed in self.speeds), *(swapped(t, self.names(1)) for t in texts)])
         if self.structure.worn:
             speed = "+".join(f"b1_{speed}**2" for speed in self.speeds)
-            self._rows(["odo_v"], [f"{ODO_RATE!r}*(sqrt({speed}+1e-6)-odo_v)"])
+            self._rows(["odo_v", f"{ODO_RATE!r}*(sqrt({speed}+1e-6)-odo_v)"])
 
-    def _rows(self, speeds: list[str], accelerations: list[str], *, zero: bool = False) -> None:
-        for text in (*speeds, *accelerations):
-            self.lines.append(f" out[{self.row}]={'0.0' if zero else text}")
-            self.row += 1
+    def _rows(self, texts: list[str]) -> None:
+        self.rows += [self.program.value(text) for text in texts]
 
 
 def _mass(body: int) -> str:
@@ -147,11 +185,7 @@ def moved(
         lasting: Duration [s]; a number, or an array of trials.
         longest_s: Longest step of the integration [s].
     """
-
-    def at(now: Any, seen: Array) -> Array:
-        return rates(constants, now, seen, controls)
-
-    return integration.advanced(at, time, state, lasting, longest_s)
+    return integration.advanced(rates(constants, controls), time, state, lasting, longest_s)
 
 
 def followed(
@@ -168,11 +202,12 @@ def followed(
     h = lasting / count
     half, sixth = h / 2, h / 6
     try:
+        rate = rates(constants, controls)
         for _ in range(count):
-            a = rates(constants, time, state, controls)
-            b = rates(constants, time + half, [s + half * r for s, r in zip(state, a, strict=True)], controls)
-            c = rates(constants, time + half, [s + half * r for s, r in zip(state, b, strict=True)], controls)
-            d = rates(constants, time + h, [s + h * r for s, r in zip(state, c, strict=True)], controls)
+            a = rate(time, state)
+            b = rate(time + half, [s + half * r for s, r in zip(state, a, strict=True)])
+            c = rate(time + half, [s + half * r for s, r in zip(state, b, strict=True)])
+            d = rate(time + h, [s + h * r for s, r in zip(state, c, strict=True)])
             state = [s + sixth * (p + 2 * q + 2 * r + u) for s, p, q, r, u in zip(state, a, b, c, d, strict=True)]
             time += h
     except (ArithmeticError, ValueError):

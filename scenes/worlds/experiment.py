@@ -201,7 +201,7 @@ def laws_of_fit(structure: Structure, told: Situation, longest_s: float = SEARCH
     rates = rates_of(structure, walled=True)
 
     def of_course(_structure: str, knobs: Mapping[str, Any], time: Any, state: Array, controls: Array) -> Array:
-        return rates(knobs, time, state, controls)
+        return rates(knobs, controls)(time, state)
 
     return Laws(
         rates=of_course,

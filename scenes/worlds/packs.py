@@ -17,6 +17,8 @@ from scenes.worlds.records import Certificate, WorldRecord
 from scenes.worlds.tasks import LETTERS, asked_of, task_of
 from scenes.worlds.terms import START_M, Structure
 
+TIMESTEP_S = 0.005
+"""Time step of the engine [s]."""
 SALT = "noise_salt"
 """Name of the model's custom text that determines the noise of its instruments."""
 _INERT = 'contype="0" conaffinity="0"'
@@ -118,7 +120,7 @@ def mjcf_of(record: WorldRecord, *, walled: bool = True, padded: bool = True, st
     written = (*laws_of(structure), *(walls_of(structure) * walled), *padding.laws)
     laws = [_with_constants(law, record.constants) for law in written]
     return (
-        '<mujoco><compiler angle="radian"/><option timestep="0.005" integrator="RK4" gravity="0 0 0"/>'
+        f'<mujoco><compiler angle="radian"/><option timestep="{TIMESTEP_S}" integrator="RK4" gravity="0 0 0"/>'
         f'<custom><text name="{SALT}" data={quoteattr(record.salt)}/>'
         f'<text name="laws" data={quoteattr(json.dumps(laws, separators=(",", ":")))}/></custom>'
         f'<worldbody><light pos="0 0 8" dir="0 0 -1"/>{"".join(parts)}</worldbody>'

@@ -11,9 +11,10 @@ import numpy as np
 
 from scenes.courses import Course
 from scenes.fitting import Array, refined
+from scenes.worlds.answering import answers
 from scenes.worlds.candidates import Fit, score_of
 from scenes.worlds.experiment import COURSE_S, Situation, laws_of_fit
-from scenes.worlds.questions import Question, answers, tolerance
+from scenes.worlds.questions import Question, tolerance
 from scenes.worlds.search import Search
 from scenes.worlds.terms import Structure
 from scenes.worlds.weak_form import Legs, box_of, named

@@ -11,10 +11,10 @@ import numpy as np
 from scenes.courses import Course
 from scenes.fitting import Array
 from scenes.protocol import Call, Protocol, Reading, answer, call
+from scenes.worlds.answering import answers
 from scenes.worlds.experiment import LOOK_S, LOOKS, SEARCH_S, Excitation, Situation
 from scenes.worlds.parts import Apparatus
 from scenes.worlds.predictions import Prediction, on_course, predicted, searched_course
-from scenes.worlds.questions import answers
 from scenes.worlds.records import WorldRecord
 from scenes.worlds.refits import constants_of
 from scenes.worlds.search import Search

@@ -13,8 +13,9 @@ from scipy.special import chdtri
 
 from scenes.family import EXCLUDED_SIGMAS
 from scenes.fitting import Array
+from scenes.worlds.answering import answers
 from scenes.worlds.candidates import Fit
-from scenes.worlds.questions import Question, answers, tolerance
+from scenes.worlds.questions import Question, tolerance
 from scenes.worlds.refits import Refits
 from scenes.worlds.terms import Structure
 from scenes.worlds.weak_form import named

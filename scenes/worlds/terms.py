@@ -33,6 +33,11 @@ class Term:
         return tuple(MODULATIONS[name] for name in self.modulations)
 
     @property
+    def plain(self) -> "Term":
+        """The term without its modulations."""
+        return Term(self.form)
+
+    @property
     def label(self) -> str:
         """Its parts in words, such as `power drag * shelf`."""
         return " * ".join((self.form, *self.modulations))

@@ -143,7 +143,7 @@ class Legs:
             def rate(place: Array, now: Array) -> Array:
                 state = np.zeros((seen + size, now.shape[1]))
                 state[: len(place)], state[seen:] = place, now
-                return rates(knobs, 0.0, state, np.zeros((alone.controls, 1)))[seen:]
+                return rates(knobs, np.zeros((alone.controls, 1)))(0.0, state)[seen:]
 
             a = rate(places[0], hidden)
             b = rate(places[1], hidden + h / 2 * a)
@@ -206,10 +206,7 @@ class Legs:
             state[: structure.read] += shift[:, None]
         rates, held = rates_of(structure, walled=True), self.course.controls.T[:, :, None]
 
-        def at(time: Any, now: Array) -> Array:
-            return rates(constants, time, now, held)
-
-        end = advanced(at, self.begun[:, None], state, self.course.durations[:, None], SEARCH_S)
+        end = advanced(rates(constants, held), self.begun[:, None], state, self.course.durations[:, None], SEARCH_S)
         return end[: structure.read].transpose(1, 0, 2)
 
     def about(self, structure: Structure, unit: Array) -> "Whitened":
@@ -229,7 +226,7 @@ class Legs:
         points = (np.arange(legs)[:, None] * len(_AT) + np.arange(1, len(_AT))).ravel()
         state = self._states(structure, constants, trials, points)
         held = np.repeat(self.course.controls, inner, axis=0).T[:, :, None]
-        found = rates_of(structure, walled=False)(constants, self._times[points][:, None], state, held)
+        found = rates_of(structure, walled=False)(constants, held)(self._times[points][:, None], state)
         bodies, width = structure.bodies, self._width
         rates = found[: structure.read].reshape(bodies, 2, width, legs * inner, trials)[:, 1]
         masses = [constants["m"], *([constants["m2"]] if bodies > 1 else [])]
@@ -248,7 +245,7 @@ def _is_linear(structure: Structure) -> bool:
     one = rng.standard_normal(len(structure.states))
     states = np.column_stack([one, 2 * one, -one])
     knobs = {name: np.full(3, (bounds.low + bounds.high) / 2) for name, bounds in structure.ranges.items()}
-    found = rates_of(structure, walled=False)(knobs, 0.0, states, np.zeros((structure.controls, 1)))[structure.read :]
+    found = rates_of(structure, walled=False)(knobs, np.zeros((structure.controls, 1)))(0.0, states)[structure.read :]
     return bool(np.allclose(found, np.column_stack([found[:, 0], 2 * found[:, 0], -found[:, 0]])))
 
 

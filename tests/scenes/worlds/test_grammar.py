@@ -7,12 +7,13 @@ import pytest
 
 from evaluator.certify.worlds import course_gap, engine_answers
 from scenes.worlds.acceptance import FORCE
+from scenes.worlds.answering import answers
 from scenes.worlds.catalogue import FORMS, MODULATIONS, forms_of, modulations_of
 from scenes.worlds.drawing import draw_constants
 from scenes.worlds.equations import followed, moved, rates_of
 from scenes.worlds.experiment import Situation, simulated
 from scenes.worlds.parts import Apparatus, Form, Modulation
-from scenes.worlds.questions import Question, answers, tolerance
+from scenes.worlds.questions import Question, tolerance
 from scenes.worlds.records import WorldRecord
 from scenes.worlds.terms import Structure, Term
 

@@ -8,6 +8,7 @@ import pytest
 
 from evaluator.certify.worlds import engine_answers
 from scenes.errors import WorldError
+from scenes.worlds.answering import answers, crossing
 from scenes.worlds.asking import drawn, nearby
 from scenes.worlds.catalogue import FORMS, forms_of
 from scenes.worlds.confusion import mistakable
@@ -16,7 +17,7 @@ from scenes.worlds.experiment import Situation
 from scenes.worlds.levels import GRAMMAR, KINDS, difficulty_of
 from scenes.worlds.packs import pack_of
 from scenes.worlds.parts import Apparatus
-from scenes.worlds.questions import Question, answers, crossing, tolerance
+from scenes.worlds.questions import Question, tolerance
 from scenes.worlds.records import WorldRecord
 from scenes.worlds.refits import Refits
 from scenes.worlds.tasks import task_of
@@ -69,7 +70,7 @@ def test_a_crossing_is_found_where_there_is_exactly_one() -> None:
         return np.stack([points[:, 0] ** 3 - 5.0, (points[:, 1] - 1) * (points[:, 1] - 2), 1 - points[:, 2]], axis=1)
 
     grid = np.repeat(np.linspace(0, 3, 7)[:, None], 3, axis=1) + 0.01
-    found = crossing(beyond, grid, 1e-12)
+    found = crossing(beyond, grid, beyond(grid), 1e-12)
     assert found[0] == pytest.approx(5 ** (1 / 3), abs=1e-9)
     assert np.isnan(found[1:]).all()  # it changes its sign twice, and it falls
 

@@ -6,11 +6,12 @@ import numpy as np
 import pytest
 
 from scenes.worlds.acceptance import Maker
+from scenes.worlds.answering import answers
 from scenes.worlds.drawing import draw_constants
 from scenes.worlds.experiment import Situation
 from scenes.worlds.levels import difficulty_of
 from scenes.worlds.parts import Apparatus
-from scenes.worlds.questions import Question, answers
+from scenes.worlds.questions import Question
 from scenes.worlds.refits import Refits
 from scenes.worlds.rivals import rival_of
 from scenes.worlds.terms import Structure, Term

@@ -14,6 +14,7 @@ from evaluator.errors import AgentError
 from evaluator.records.episode import EpisodeKey
 from scenes.errors import WorldError
 from scenes.protocol import ANSWER
+from scenes.worlds.answering import answers
 from scenes.worlds.catalogue import FORMS
 from scenes.worlds.drawing import draw_constants
 from scenes.worlds.expansion import expand
@@ -21,7 +22,7 @@ from scenes.worlds.experiment import Situation, simulated
 from scenes.worlds.levels import GRAMMAR
 from scenes.worlds.parts import Apparatus
 from scenes.worlds.predictions import on_course, predicted, searched_course
-from scenes.worlds.questions import Question, answers, tolerance
+from scenes.worlds.questions import Question, tolerance
 from scenes.worlds.records import WorldRecord
 from scenes.worlds.reference import blind_protocol
 from scenes.worlds.refits import constants_of

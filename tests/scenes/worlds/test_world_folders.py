@@ -19,13 +19,13 @@ from scenes.pack import CANARY
 from scenes.public import read_hosted
 from scenes.splits import splits
 from scenes.world_names import scene_id_of
+from scenes.worlds.answering import answers
 from scenes.worlds.drawing import SPLITS, draw_structure, structures_of
 from scenes.worlds.expansion import world_ids
 from scenes.worlds.folders import PUBLISHED, find_certificate, find_record, find_worlds, levels_of, worlds_of
 from scenes.worlds.levels import LEVELS, difficulty_of
 from scenes.worlds.orders import PUBLIC, WorldOrder
 from scenes.worlds.publishing import publish
-from scenes.worlds.questions import answers
 from scenes.worlds.records import CANARY_LINE, as_line, keys_file, lines_file, read_certificates, read_records
 from tests.builders.paths import DOCS
 from tests.builders.worlds import structure_rows, write_worlds

@@ -16,11 +16,12 @@ from physment_mcp.session import Session
 from scenes.export import export_packs
 from scenes.finding import find_pack
 from scenes.worlds.acceptance import DrawnWorld
+from scenes.worlds.answering import answers
 from scenes.worlds.drawing import draw_constants
 from scenes.worlds.expansion import expand
 from scenes.worlds.experiment import Situation
 from scenes.worlds.parts import Apparatus
-from scenes.worlds.questions import Question, answers
+from scenes.worlds.questions import Question
 from scenes.worlds.records import Certificate, WorldRecord, as_line, keys_file, lines_file
 from scenes.worlds.terms import Structure, Term
 from tests.harness.fuzz.leaks import published
