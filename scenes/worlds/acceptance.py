@@ -17,6 +17,7 @@ from scenes.errors import WorldError
 from scenes.fitting import Array
 from scenes.worlds.answering import answers, answers_without_parts, gradients
 from scenes.worlds.asking import drawn, nearby
+from scenes.worlds.candidates import Fit
 from scenes.worlds.confusion import mistakable
 from scenes.worlds.drawing import draw_constants, draw_structure
 from scenes.worlds.experiment import SEARCH_S, Situation, laws_of_fit, on_unit, retraced, simulated
@@ -267,7 +268,8 @@ def _determined(world: DrawnWorld, refits: Refits, difficulty: Difficulty) -> tu
         Refused: A rival fits even with the most readings and the least noise of the difficulty.
     """
     structure, constants, told, key = world.structure, world.constants, world.told, np.array(world.key)
-    while rival_of(refits, world.questions, key):
+    rival: Fit | None = None
+    while (rival := rival_of(refits, world.questions, key, rival)) is not None:
         looks = min(difficulty.looks, -(-int(told.looks * _SHARPER_LOOKS) // 2) * 2)
         noise = max(difficulty.noise, float(f"{told.noise / _SHARPER_NOISE:.2g}"))
         if (looks, noise) == (told.looks, told.noise):

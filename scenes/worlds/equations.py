@@ -102,10 +102,6 @@ class _Writer:
         self.program = Program(("t", *structure.states))
         for name in (*structure.ranges, *(switch_of(part) for part in structure.parts if switched)):
             self.program.let(name, f"K[{name!r}]")
-        for body in self.bodies:
-            for axis, push in enumerate(self.pushes):
-                control = (body - 1) * len(self.pushes) + axis
-                self.program.let(f"{push}{body}", f"F[{control}]/{_mass(body)}")
 
     def names(self, body: int) -> dict[str, str]:
         """Local name → variable of the function."""
@@ -114,7 +110,11 @@ class _Writer:
         return names | {f"o_{name}": f"b{3 - body}_{name}" for name in own if self.structure.bodies == 2}
 
     def terms(self) -> None:
-        """Write the acceleration of each body by each term."""
+        """Write the acceleration of each body by the push on it and by each term."""
+        for body in self.bodies:
+            for axis, push in enumerate(self.pushes):
+                control = (body - 1) * len(self.pushes) + axis
+                self.program.let(f"{push}{body}", f"F[{control}]/{_mass(body)}")
         for at, term in enumerate(self.structure.terms):
             let, force, factors = term.written(at)
             if self.switched:

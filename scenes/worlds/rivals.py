@@ -5,6 +5,7 @@ readings if the rule of `scenes.family` does not exclude it. An agent that finds
 the rival's answers must be right too.
 """
 
+import itertools
 import math
 from collections.abc import Iterator, Sequence
 
@@ -17,7 +18,6 @@ from scenes.worlds.answering import answers
 from scenes.worlds.candidates import Fit
 from scenes.worlds.questions import Question, tolerance
 from scenes.worlds.refits import Refits
-from scenes.worlds.terms import Structure
 from scenes.worlds.weak_form import named
 
 _ROUNDS = 6
@@ -25,18 +25,21 @@ _STEP_S = 0.05
 _CHANCE = math.erfc(EXCLUDED_SIGMAS / math.sqrt(2))
 
 
-def rival_of(refits: Refits, asked: Sequence[Question], key: Array) -> Structure | None:
+def rival_of(refits: Refits, asked: Sequence[Question], key: Array, before: Fit | None = None) -> Fit | None:
     """Find a structure that explains a course as well as the drawn one but gives other answers; None without one.
 
     Args:
         refits: The readings of the drawn world.
         asked: The questions.
         key: Their answers.
+        before: A rival in other readings, which is tried first.
     """
     search, drawn = refits.search, refits.drawn
+    first = [] if before is None else [(before.structure, before.unit)]
     with np.errstate(all="ignore"):
-        rivals = (search.fit(*near, _ROUNDS) for near in search.neighbours(drawn) if near[0] != drawn.structure)
-        return next((fit.structure for fit in _as_good(rivals, drawn) if not _right(fit, asked, key)), None)
+        others = itertools.chain(first, search.neighbours(drawn))
+        rivals = (search.fit(*near, _ROUNDS) for near in others if near[0] != drawn.structure)
+        return next((fit for fit in _as_good(rivals, drawn) if not _right(fit, asked, key)), None)
 
 
 def _as_good(rivals: Iterator[Fit], drawn: Fit) -> Iterator[Fit]:

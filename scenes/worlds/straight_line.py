@@ -46,24 +46,25 @@ class Program:
     def _of(self, node: ast.expr) -> str:
         match node:
             case ast.Constant():
-                return repr(node.value)
+                found = repr(node.value)
             case ast.Name():
-                return self._known.get(node.id, node.id)
+                found = self._known.get(node.id, node.id)
             case ast.UnaryOp(ast.USub(), ast.Constant() as number):
-                return f"(-{number.value!r})"
+                found = f"(-{number.value!r})"
             case ast.UnaryOp(ast.USub(), operand):
-                return self._numbered("-{}", self._of(operand))
+                found = self._numbered("-{}", self._of(operand))
             case ast.BinOp(base, ast.Pow(), ast.Constant(int() as exponent)) if 1 < exponent <= _MOST_FACTORS:
-                return self._power(self._of(base), exponent)
+                found = self._power(self._of(base), exponent)
             case ast.BinOp(left, sign, right):
-                return self._numbered(f"{{}}{_SIGNS[type(sign)]}{{}}", self._of(left), self._of(right))
+                found = self._numbered(f"{{}}{_SIGNS[type(sign)]}{{}}", self._of(left), self._of(right))
             case ast.Call(ast.Name(function), arguments):
-                return self._numbered(f"{function}({','.join(['{}'] * len(arguments))})", *map(self._of, arguments))
+                found = self._numbered(f"{function}({','.join(['{}'] * len(arguments))})", *map(self._of, arguments))
             case ast.Subscript(ast.Name(name), ast.Constant(key)):
-                return self._numbered(f"{name}[{key!r}]")
+                found = self._numbered(f"{name}[{key!r}]")
             case _:
                 msg = f"no expression of the grammar: {ast.unparse(node)}"
                 raise ValueError(msg)
+        return found
 
     def _power(self, base: str, exponent: int) -> str:
         """Write a power as products, because `numpy.power` takes as long as twenty of them."""

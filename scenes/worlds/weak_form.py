@@ -12,7 +12,7 @@ D. A. Messenger and D. M. Bortz, Weak SINDy (2021), for the weak form.
 
 import functools
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any, cast
 
@@ -24,6 +24,7 @@ from scenes.integration import advanced
 from scenes.worlds.drawing import searched
 from scenes.worlds.equations import rates_of
 from scenes.worlds.experiment import SEARCH_S, Situation
+from scenes.worlds.hidden_paths import SampledPath, hidden_states
 from scenes.worlds.law_texts import ODO_RATE
 from scenes.worlds.parts import Range
 from scenes.worlds.terms import Structure, Term
@@ -31,6 +32,8 @@ from scenes.worlds.terms import Structure, Term
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(4)
 _AT: Array = np.concatenate([[0.0], (_NODES + 1) / 2])
 """Positions of the points of a leg, as fractions of its duration: its start, then those of a Gauss quadrature."""
+_HIDDEN_STEPS = 3
+"""Integration steps of a hidden body in a leg."""
 _SHIFT = 1e-5
 """Step of the finite difference for the transition of a leg [m, m/s]."""
 _FAR = 1e3
@@ -108,84 +111,48 @@ class Legs:
         speed = (6 * u**2 - 6 * u) * (a - b) / h + (3 * u**2 - 4 * u + 1) * va + (3 * u**2 - 2 * u) * vb
         return np.stack([place, speed], axis=3).reshape(-1, self.path.shape[1]).T
 
-    @functools.cached_property
-    def _points(self) -> Array:
-        """The path at the start and the quadrature points of each leg, then at the end of the last leg."""
-        return np.column_stack([self._along(_AT), self.path[-1]])
+    def _sampled(self, shares: Array) -> SampledPath:
+        """Return the path at fractions of each leg, of which the first is 0."""
+        inner = (self.begun[:, None] + shares * self.course.durations[:, None]).ravel()
+        return SampledPath(
+            len(shares),
+            np.append(inner, self.course.durations.sum()),
+            np.column_stack([self._along(shares), self.path[-1]]),
+            self._along((shares + np.append(shares[1:], 1.0)) / 2),
+        )
 
     @functools.cached_property
-    def _times(self) -> Array:
-        inner = (self.begun[:, None] + _AT * self.course.durations[:, None]).ravel()
-        return np.append(inner, self.course.durations.sum())
+    def _for_forces(self) -> SampledPath:
+        """The path at the points at which forces of terms are evaluated."""
+        return self._sampled(_AT)
 
     @functools.cached_property
-    def _between(self) -> Array:
-        """Return the path at the midpoint between two points."""
-        return self._along((_AT + np.append(_AT[1:], 1.0)) / 2)
+    def _for_starts(self) -> SampledPath:
+        """The path at fewer points, of which only the starts of legs are needed."""
+        return self._sampled(np.arange(_HIDDEN_STEPS) / _HIDDEN_STEPS)
 
     @functools.cached_property
     def _way(self) -> Array:
-        """Return path length and speed of the first body at each point."""
-        speed = np.linalg.norm(self._points[self._width : 2 * self._width], axis=0)
-        gone = np.append(0.0, np.cumsum(np.diff(self._times) * (speed[1:] + speed[:-1]) / 2))
+        """Return path length and speed of the first body at each point of `_for_forces`."""
+        sampled = self._for_forces
+        speed = np.linalg.norm(sampled.points[self._width : 2 * self._width], axis=0)
+        gone = np.append(0.0, np.cumsum(np.diff(sampled.times) * (speed[1:] + speed[:-1]) / 2))
         return np.array([np.maximum(gone - speed / ODO_RATE, 0.0), speed])
 
-    def _hidden(self, term: Term, constants: Mapping[str, Any], trials: int) -> Array:
-        """The state of a term's hidden body at each point, driven by the path; shape (states, points, trials)."""
-        alone = Structure(self.told.apparatus, (Term(term.form),), self.told.radius)
-        rates, seen, size = rates_of(alone, walled=False), alone.read, len(alone.states) - alone.read
-        gaps = np.diff(self._times)
-        found = np.zeros((size, len(self._times), trials))
-
-        def moved(knobs: Mapping[str, Any], hidden: Array, places: Sequence[Array], h: Any) -> Array:
-            """Return the hidden body's state after an interval, from positions at its start, middle and end."""
-
-            def rate(place: Array, now: Array) -> Array:
-                state = np.zeros((seen + size, now.shape[1]))
-                state[: len(place)], state[seen:] = place, now
-                return rates(knobs, np.zeros((alone.controls, 1)))(0.0, state)[seen:]
-
-            a = rate(places[0], hidden)
-            b = rate(places[1], hidden + h / 2 * a)
-            c = rate(places[1], hidden + h / 2 * b)
-            d = rate(places[2], hidden + h * c)
-            return hidden + h / 6 * (a + 2 * b + 2 * c + d)
-
-        if not _is_linear(alone):
-            for at, h in enumerate(gaps):
-                places = [self._points[:, [at]], self._between[:, [at]], self._points[:, [at + 1]]]
-                found[:, at + 1] = moved(constants, found[:, at], places, h)
-            return found
-        # The state after a gap is linear in the state before it and in the places: the matrices of each gap of a leg.
-        own, inner = 2 * self._width, len(_AT)
-        basis = np.eye(size + 3 * own)
-        cases = np.repeat(np.tile(basis, inner), trials, axis=1)
-        knobs = {n: np.tile(np.broadcast_to(v, (trials,)), inner * len(basis)) for n, v in constants.items()}
-        h = np.repeat(gaps[:inner], len(basis) * trials)
-        places = [cases[size + own * place : size + own * (place + 1)] for place in range(3)]
-        maps = moved(knobs, cases[:size], places, h).reshape(size, inner, len(basis), trials)
-        rows = np.concatenate([self._points[:own, :-1], self._between[:own], self._points[:own, 1:]])
-        driven = np.einsum("dgst,slg->lgtd", maps[:, :, size:], rows.reshape(3 * own, -1, inner))
-        driven = driven.reshape(-1, trials, size, 1)
-        matrices = [np.ascontiguousarray(maps[:, gap, :size].transpose(2, 0, 1)) for gap in range(inner)]
-        now = np.zeros((trials, size, 1))
-        for at, part in enumerate(driven):
-            now = matrices[at % inner] @ now + part
-            found[:, at + 1] = now[:, :, 0].T
-        return found
-
-    def _states(self, structure: Structure, constants: Mapping[str, Any], trials: int, points: Any) -> Array:
+    def _states(
+        self, structure: Structure, constants: Mapping[str, Any], trials: int, sampled: SampledPath, points: Any
+    ) -> Array:
         """The complete state at points of the path; shape (states, points, trials)."""
-        rows = [np.broadcast_to(self._points[:, points, None], (structure.read, len(points), trials))]
+        rows = [np.broadcast_to(sampled.points[:, points, None], (structure.read, len(points), trials))]
         for at in structure.hidden:
             term = structure.terms[at]
             own = {name: constants[name] for name in ("m", "m2") if name in constants}
-            own |= {
-                alone: constants[name]
-                for alone, name in zip(Term(term.form).ranges(0), Term(term.form).ranges(at), strict=True)
-            }
-            rows.append(self._hidden(term, own, trials)[:, points])
+            own |= {new: constants[name] for new, name in zip(term.plain.ranges(0), term.plain.ranges(at), strict=True)}
+            alone = Structure(self.told.apparatus, (term.plain,), self.told.radius)
+            rows.append(hidden_states(alone, own, trials, sampled)[:, points])
         if structure.worn:
+            fine = self._for_forces
+            points = points if sampled is fine else points // sampled.inner * fine.inner
             rows.append(np.broadcast_to(self._way[:, points, None], (2, len(points), trials)))
         return np.concatenate(rows)
 
@@ -200,8 +167,9 @@ class Legs:
             trials: Number of trials.
             shift: Added to the state at the start of each leg; shape (read, trials).
         """
-        legs = len(self.course.durations)
-        state = self._states(structure, constants, trials, np.arange(legs) * len(_AT))
+        sampled = self._for_starts
+        starts = np.arange(len(self.course.durations)) * sampled.inner
+        state = self._states(structure, constants, trials, sampled, starts)
         if shift is not None:
             state[: structure.read] += shift[:, None]
         rates, held = rates_of(structure, walled=True), self.course.controls.T[:, :, None]
@@ -224,9 +192,10 @@ class Legs:
         structure = Structure(self.told.apparatus, (term,), self.told.radius)
         legs, inner = len(self.course.durations), len(_AT) - 1
         points = (np.arange(legs)[:, None] * len(_AT) + np.arange(1, len(_AT))).ravel()
-        state = self._states(structure, constants, trials, points)
+        sampled = self._for_forces
+        state = self._states(structure, constants, trials, sampled, points)
         held = np.repeat(self.course.controls, inner, axis=0).T[:, :, None]
-        found = rates_of(structure, walled=False)(constants, held)(self._times[points][:, None], state)
+        found = rates_of(structure, walled=False)(constants, held)(sampled.times[points][:, None], state)
         bodies, width = structure.bodies, self._width
         rates = found[: structure.read].reshape(bodies, 2, width, legs * inner, trials)[:, 1]
         masses = [constants["m"], *([constants["m2"]] if bodies > 1 else [])]
@@ -236,17 +205,6 @@ class Legs:
         speed = np.einsum("bwlit,i->lbwt", parts, _WEIGHTS / 2) * h[:, None]
         place = np.einsum("bwlit,i->lbwt", parts, _WEIGHTS / 2 * (1 - _AT[1:])) * h[:, None] ** 2
         return np.stack([place, speed], axis=2).reshape(-1, trials)
-
-
-@functools.lru_cache(64)
-def _is_linear(structure: Structure) -> bool:
-    """Return whether there is one term, whose hidden body obeys equations linear in the states of both bodies."""
-    rng = np.random.default_rng(0)
-    one = rng.standard_normal(len(structure.states))
-    states = np.column_stack([one, 2 * one, -one])
-    knobs = {name: np.full(3, (bounds.low + bounds.high) / 2) for name, bounds in structure.ranges.items()}
-    found = rates_of(structure, walled=False)(knobs, np.zeros((structure.controls, 1)))(0.0, states)[structure.read :]
-    return bool(np.allclose(found, np.column_stack([found[:, 0], 2 * found[:, 0], -found[:, 0]])))
 
 
 @dataclass(frozen=True)

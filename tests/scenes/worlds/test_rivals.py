@@ -30,7 +30,11 @@ def test_few_readings_leave_a_rival_and_many_do_not(looks: int, noise: float, fo
     key = answers(STRUCTURE, CONSTANTS, ASKED, 0.02)[:, 0]
     rival = rival_of(Refits(STRUCTURE, CONSTANTS, told, 1), ASKED, key)
     assert (rival is not None) == found
-    assert rival != STRUCTURE
+    if rival is not None:
+        assert rival.structure != STRUCTURE
+        again = rival_of(Refits(STRUCTURE, CONSTANTS, told, 2), ASKED, key, rival)
+        assert again is not None
+        assert again.structure == rival.structure
 
 
 def test_an_accepted_world_has_no_rival_in_other_readings() -> None:
