@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 from physment_mcp.scene import load_scene
 from physment_mcp.serving.prompts import Prompting, PromptOptions, opening_prompt
 from physment_mcp.session import Session
-from physment_mcp.tools import TOOLS
+from physment_mcp.tools import Tool, tools_of
 from physment_mcp.tools.calls import call
 
 if TYPE_CHECKING:
@@ -69,7 +69,7 @@ class OpenEpisode:
     @property
     def tools(self) -> tuple[ToolDescription, ...]:
         """The 26 tools in their published order. Those that the prompt calls unavailable are refused."""
-        return deepcopy(_descriptions())
+        return deepcopy(_descriptions(tools_of(self._session)))
 
     @property
     def calls(self) -> int:
@@ -132,7 +132,7 @@ def open_episode(
 
 
 @functools.cache
-def _descriptions() -> tuple[ToolDescription, ...]:
+def _descriptions(tools: tuple[Tool[Any], ...]) -> tuple[ToolDescription, ...]:
     return tuple(
-        ToolDescription(tool.name, tool.description, tool.input_schema(), tool.output_schema()) for tool in TOOLS
+        ToolDescription(tool.name, tool.description, tool.input_schema(), tool.output_schema()) for tool in tools
     )

@@ -244,9 +244,11 @@ class Session:
         """Add elapsed simulated time [s]."""
         self.state = replace(self.state, simulated_s=self.state.simulated_s + duration)
 
-    def answer(self, answer: object, steps: Mapping[str, object] | None = None) -> None:
-        """Record the answer and the quantities stated with it; this ends the episode."""
-        self.state = replace(self.state, answer=answer, steps=steps, answered=True)
+    def answer(
+        self, answer: object, steps: Mapping[str, object] | None = None, law: Mapping[str, object] | None = None
+    ) -> None:
+        """Record the answer and what was stated with it; this ends the episode."""
+        self.state = replace(self.state, answer=answer, steps=steps, law=law, answered=True)
 
     def add(self, object_id: str, body: str) -> None:
         """Add a created ball, which the agent knows at once."""

@@ -42,4 +42,6 @@ class SessionState:
     answer: object = None
     steps: Mapping[str, object] | None = None
     """Intermediate quantities that were stated with the answer."""
+    law: Mapping[str, object] | None = None
+    """The law that was stated with the answer."""
     answered: bool = False

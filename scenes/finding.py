@@ -1,9 +1,11 @@
-"""Finds the pack of a scene id, in a folder of packs or generated from the record of a world; and tests its split."""
+"""Finds the pack of a scene id, in a folder of packs or generated from the record of a world; its split, its model."""
 
 from pathlib import Path
 
+from scenes.draw import draw_knobs
 from scenes.errors import PackError, WorldError
-from scenes.folder import PackFiles, default_folder, listed_pack
+from scenes.folder import PackFiles, default_folder, listed_pack, read_pack
+from scenes.model import drawn_mjcf
 from scenes.splits import Split
 from scenes.world_names import is_world, place_of, reference_of
 
@@ -43,3 +45,23 @@ def is_in_split(scene_id: int, split: Split, folder: Path | None = None) -> bool
         return find_record(*place_of(scene_id), folder).split == split.name
     except WorldError as error:
         raise PackError(folder, str(error)) from error
+
+
+def model_without_walls(scene_id: int, seed: int, folder: Path | None = None) -> str:
+    """Return the model of a scene with its drawn laws; that of a world without its wall.
+
+    Raises:
+        PackError: There is no such pack, or it is malformed.
+    """
+    files = find_pack(scene_id, folder)
+    if not is_world(scene_id):
+        pack = read_pack(files)
+        return drawn_mjcf(files, pack, draw_knobs(files, pack, seed), canonical=seed == 0)
+    from scenes.worlds.folders import find_record  # noqa: PLC0415 - it loads numpy and scipy
+    from scenes.worlds.packs import mjcf_of  # noqa: PLC0415 - as above
+
+    try:
+        record = find_record(*place_of(scene_id), folder or default_folder())
+    except WorldError as error:
+        raise PackError(files.folder, str(error)) from error
+    return mjcf_of(record, walled=False, padded=False)

@@ -305,6 +305,11 @@ class Pack(_PackModel):
         """Whether the pack asks for a prediction within stated limits, so that certificates 7 to 10 and 12 apply."""
         return self.category is not None and self.category.infers and self.limits is not None
 
+    @property
+    def law_answer(self) -> bool:
+        """Whether an agent may state a law with its answer. The category decides, so the content hash does not."""
+        return self.category is Category.OPEN
+
     def permissions_of(self, key: str) -> Permissions:
         """Permissions of the object listed under `key` (such as `object_1`); by default all are withheld."""
         return self.object_permissions.get(f"{key}_permissions", Permissions())

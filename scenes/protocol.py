@@ -17,6 +17,8 @@ import re
 from collections.abc import Callable, Generator, Mapping, Sequence
 from dataclasses import dataclass, field
 from importlib.util import module_from_spec, spec_from_file_location
+from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 from scenes.answer_spec import Scalar
@@ -102,6 +104,11 @@ def answer(value: AnswerValue, **steps: float) -> Call:
     return Call(ANSWER, {"answer": value, "steps": steps} if steps else {"answer": value})
 
 
+def with_law(asked: Call, law: Mapping[str, Any] | None) -> Call:
+    """Return the call with the final answer together with a law; unchanged without one."""
+    return asked if law is None else Call(asked.tool, {**asked.arguments, "law": dict(law)})
+
+
 def drawn_kind(knobs: Mapping[str, KnobValue]) -> str:
     """Return the structure of a pack that defines none: the drawn value `kind`."""
     return str(knobs[KIND])
@@ -116,8 +123,22 @@ def load_solution(files: PackFiles) -> Solution:
     Raises:
         PackError: The pack has none, or it cannot be imported.
     """
-    path = files.solution
-    spec = spec_from_file_location(f"physment_solution_{files.scene_id}", path)
+    defined = vars(imported(files.solution, f"physment_solution_{files.scene_id}"))
+    stages = {name: made for name, made in defined.items() if _STAGE.fullmatch(name)}
+    return Solution(**{name: defined.get(name) for name in _FUNCTIONS} | _derived(defined), stages=stages)
+
+
+def imported(path: Path, name: str) -> ModuleType:
+    """Import a file of a pack, which runs its code.
+
+    Args:
+        path: The file.
+        name: Name of the module.
+
+    Raises:
+        PackError: There is no such file, or it cannot be imported.
+    """
+    spec = spec_from_file_location(name, path)
     if spec is None or spec.loader is None or not path.is_file():
         raise PackError(path, "no such file: this pack has no reference protocol")
     module = module_from_spec(spec)
@@ -125,9 +146,7 @@ def load_solution(files: PackFiles) -> Solution:
         spec.loader.exec_module(module)
     except Exception as error:
         raise PackError(path, f"cannot be imported: {error!r}") from error
-    defined = vars(module)
-    stages = {name: made for name, made in defined.items() if _STAGE.fullmatch(name)}
-    return Solution(**{name: defined.get(name) for name in _FUNCTIONS} | _derived(defined), stages=stages)
+    return module
 
 
 def _derived(defined: Mapping[str, Any]) -> dict[str, Any]:

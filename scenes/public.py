@@ -77,6 +77,8 @@ class PublicPack(_Public):
     instruments: Instruments | None = None
     steps: tuple[PublicQuantity, ...] = ()
     schematic: tuple[SchematicPart, ...] = ()
+    law_answer: bool = False
+    """Whether an agent may state a law with its answer."""
 
     @classmethod
     def of(cls, scene_id: int, pack: Pack) -> Self:
@@ -102,6 +104,7 @@ class PublicPack(_Public):
                 PublicQuantity(name=name, meaning=step.meaning, unit=step.unit) for name, step in pack.steps.items()
             ),
             schematic=pack.schematic,
+            law_answer=pack.law_answer,
         )
 
 

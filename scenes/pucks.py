@@ -107,7 +107,11 @@ class PuckFloor:
 
     def best(self, readings: Exchanges) -> AnswerValue:
         """Return the answer of the structure with the best fit."""
-        return self.predict(*self.laws.best(self.course(readings)))
+        return self.predict(*self.inferred(readings))
+
+    def inferred(self, readings: Exchanges) -> tuple[str, dict[str, float]]:
+        """Return the structure with the best fit, and its constants."""
+        return self.laws.best(self.course(readings))
 
     def course(self, readings: Exchanges) -> Course:
         """Return pushes and the readings after them, as long as the puck is on the floor."""

@@ -9,6 +9,7 @@ from evaluator.errors import AgentError
 from evaluator.records.episode import Episode, EpisodeKey, Exchange, ToolCall
 from scenes import PackError, find_pack, reference_of
 from scenes.protocol import ANSWER, Call, Exchanges, Protocol, Reading, load_solution
+from scenes.reference_laws import stating
 
 
 @dataclass(slots=True)
@@ -72,15 +73,19 @@ class ReferenceAgent:
     """Name in records and tables."""
 
     def player(self, key: EpisodeKey, briefing: Briefing) -> ProtocolPlayer:
-        """Start the reference protocol of the scene.
+        """Start the reference protocol of the scene, which states its law if the scene asks for one.
 
         Raises:
             AgentError: The pack has no protocol.
         """
         try:
-            solve = load_solution(find_pack(key.scene, self.scenes_dir)).solve
+            files = find_pack(key.scene, self.scenes_dir)
+            solve = load_solution(files).solve
         except PackError as error:
             raise AgentError(f"no reference protocol: {error}") from error
         if solve is None:
             raise AgentError(f"no reference protocol: solution.py of scene {reference_of(key.scene)} defines no solve")
-        return ProtocolPlayer(solve, briefing.prompt)
+        asks_for_law = any(
+            tool.name == ANSWER and "law" in tool.input_schema.get("properties", {}) for tool in briefing.tools
+        )
+        return ProtocolPlayer(stating(files, solve) if asks_for_law else solve, briefing.prompt)

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from evaluator.answers.grading import infer_spec, listed_numbers
+from evaluator.answers.laws import TrueLaw
 from evaluator.answers.strict import AnswerKey
 from evaluator.errors import UsageError
 from evaluator.records.seed_key import SeedOf, seed_as_recorded
@@ -24,6 +25,8 @@ from scenes import (
     read_pack,
 )
 from scenes.draw import step_values
+from scenes.finding import model_without_walls
+from scenes.law_statements import UnstatableLawError, law_model
 from scenes.protocol import AnswerValue, load_solution
 
 
@@ -37,6 +40,7 @@ class SceneFacts:
     problem_type: str
     disabled_tools: frozenset[str]
     limits: LabLimits
+    asks_for_law: bool = False
 
 
 _KEPT = 20_000
@@ -58,6 +62,7 @@ class KeyRing:
         self.seed_of = seed_of
         """Recorded seed → the seed from which its variant is sampled."""
         self.key = functools.lru_cache(_KEPT)(self._key)
+        self.law = functools.lru_cache(_KEPT)(self._law)
         self.facts = functools.cache(self._facts)
 
     @functools.cached_property
@@ -114,6 +119,24 @@ class KeyRing:
         except ValueError as error:
             raise UsageError(f"{files.json}: no answer can be compared with its key at seed {seed}: {error}") from error
 
+    def _law(self, scene: int, seed: int) -> TrueLaw | None:
+        """Return the law of a scene at a recorded seed; None if the scene asks for none.
+
+        Raises:
+            UsageError: The pack is malformed, or its motion does not follow from its laws alone.
+        """
+        files, pack = self._open(scene)
+        if not pack.law_answer:
+            return None
+        try:
+            model = law_model(model_without_walls(scene, self.seed_of(scene, seed), self.folder))
+        except PackError as error:
+            raise UsageError(str(error)) from error
+        except UnstatableLawError as error:
+            raise UsageError(f"{files.json}: no law can be graded: {error}") from error
+        objects = tuple(f"object_{listed.object_id}" for listed in pack.objects.values())
+        return TrueLaw(model, pack.limits.lab_time if pack.limits else None, objects)
+
     def _facts(self, scene: int) -> SceneFacts:
         _, pack = self._open(scene)
         return SceneFacts(
@@ -123,6 +146,7 @@ class KeyRing:
             pack.metadata.problem_type,
             frozenset(pack.disabled_tools),
             pack.limits or LabLimits(),
+            pack.law_answer,
         )
 
 

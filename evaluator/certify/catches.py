@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from evaluator.answers.engine import Engine
 from evaluator.certify.subject import Draw, Subject
 from physment_mcp.contract.expressions import Compiled, ExpressionError
-from physment_mcp.world.expressions import Formulas
+from physment_mcp.contract.formulas import Formulas
 from scenes import Catch, Pack
 from scenes.draw import evaluate
 

@@ -12,6 +12,7 @@ from evaluator.commands.base import Commands, wide_console
 from evaluator.commands.evidence_table import evidence_table
 from evaluator.errors import UsageError
 from evaluator.scores.comparison import CONDITIONS, Comparison, Side, compare, points
+from evaluator.scores.laws import law_sentence
 from evaluator.scores.scoring import read_graded, score_episode
 from evaluator.statistics.paired import PairedDifference
 from evaluator.store.run_folder import RunFolder
@@ -120,6 +121,9 @@ def _print(found: Comparison, first: Path, second: Path) -> None:
     sides = {name: side for name, side in (("A", found.evidence_a), ("B", found.evidence_b)) if side is not None}
     if sides:
         console.print(evidence_table(sides))
+    for name, laws in (("A", found.laws_a), ("B", found.laws_b)):
+        if laws is not None:
+            console.print(f"{name}: {law_sentence(laws)}", highlight=False, soft_wrap=True)
     left_out = [
         f"{count} {what}"
         for count, what in (

@@ -16,6 +16,7 @@ from rich.text import Text
 from evaluator.answers.keys import KeyRing
 from evaluator.errors import UsageError
 from evaluator.records.episode import Episode, EpisodeKey, Outcome, Verdict
+from evaluator.scores.laws import law_sentence
 from evaluator.scores.metrics import GroupSummary, RunSummary, summarise
 from evaluator.scores.scored_episode import ScoredEpisode, scene_title
 from evaluator.scores.scoring import GradedRun, strict_verdict
@@ -235,7 +236,8 @@ def _errata_lines(summary: RunSummary) -> list[str]:
 
 def _open_lines(group: GroupSummary) -> list[str]:
     right = f"open worlds: all predictions right {_right(group)}, predictions right {share(group.c)}"
-    return [right, _cost(group), _outcomes(group)]
+    laws = [law_sentence(group.laws)] if group.laws is not None and group.laws.stated else []
+    return [right, *laws, _cost(group), _outcomes(group)]
 
 
 def _right(group: GroupSummary) -> str:

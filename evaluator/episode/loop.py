@@ -71,7 +71,7 @@ async def play_episode(
         InfrastructureError: The server failed; the episode has no outcome and may be played again.
     """
     started_at, clock = datetime.now(UTC).isoformat(timespec="milliseconds"), time.perf_counter()
-    toolbox = await (toolboxes or Toolboxes()).of(client)
+    toolbox = await (toolboxes or Toolboxes()).of(client, key.scene)
     briefing = await _brief(client, key, toolbox)
     turns: list[Turn] = []
     used = [] if used is None else used

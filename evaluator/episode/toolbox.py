@@ -94,9 +94,10 @@ class Toolbox:
 
 @dataclass(slots=True)
 class Toolboxes:
-    """Requests the tools of one server, and caches them for all its clients as long as the server allows.
+    """Requests the tools of one server, and caches them for the clients of each scene as long as the server allows.
 
-    Each server needs its own instance, because two servers may publish different tools.
+    Each server needs its own instance, because two servers may publish different tools. So may two scenes of a server:
+    some ask for a law with the answer. Scenes with equal tools share one toolbox.
     """
 
     clock: Callable[[], float] = time.monotonic
@@ -107,11 +108,15 @@ class Toolboxes:
     _lock: anyio.Lock = field(default_factory=anyio.Lock, repr=False)
     _alike: bool = True
     """Whether the server's replies allowed sharing the tools between clients so far."""
-    _kept: Toolbox | None = None
-    _fresh_until: float = 0.0
+    _kept: dict[int, tuple[Toolbox, float]] = field(default_factory=dict[int, tuple["Toolbox", float]])
+    """Scene → its tools, and until when they are fresh."""
 
-    async def of(self, client: Client) -> Toolbox:
+    async def of(self, client: Client, scene: int = 0) -> Toolbox:
         """Return the tools of the server that a client is connected to.
+
+        Args:
+            client: The client.
+            scene: The scene that is open; 0 if the tools of the server do not depend on it.
 
         Raises:
             MCPError: The server refused to list them.
@@ -119,14 +124,16 @@ class Toolboxes:
         if not self._alike:
             return _toolbox((await client.list_tools()).tools, self.look, checked=not self.trusted)
         async with self._lock:
-            if self._kept is not None and self.clock() < self._fresh_until:
-                return self._kept
+            kept = self._kept.get(scene)
+            if kept is not None and self.clock() < kept[1]:
+                return kept[0]
             asked_at = self.clock()
             listed = await client.list_tools()
             toolbox = _toolbox(listed.tools, self.look, checked=not self.trusted)
             self._alike = listed.cache_scope == "public" and listed.ttl_ms > 0
             if self._alike:
-                self._kept, self._fresh_until = toolbox, asked_at + listed.ttl_ms / 1000
+                toolbox = next((other for other, _ in self._kept.values() if other.tools == toolbox.tools), toolbox)
+                self._kept[scene] = toolbox, asked_at + listed.ttl_ms / 1000
             return toolbox
 
 

@@ -241,6 +241,28 @@ class Grade(Record):
     Not part of the verdicts."""
 
 
+class LawGrade(Record):
+    """The grade of a law that was stated with the answer. It is not part of the verdicts on the answer."""
+
+    version: str
+    """Version of the rules."""
+    sha256: str
+    """First 16 digits of the hash of the law as JSON."""
+    equivalent: bool
+    """Whether the law moves the objects like that of the laboratory: both errors below are at most 5 %."""
+    error_within: float | None = None
+    """Median error of courses from random states under random loads within the laboratory's reach, relative to how far
+    the objects move; null if the law has no finite course."""
+    error_beyond: float | None = None
+    """As `error_within`, from places beyond the rim, with larger speeds and loads, and later."""
+    dependence_f1: float = 0.0
+    """F1 score of the pairs of an acceleration and a quantity on which it depends."""
+    length: int = 0
+    """Length of the description: the number of names, numbers, operators and functions."""
+    refused: str = ""
+    """Why the law cannot be read; the laboratory refuses such laws, so this needs an edited record."""
+
+
 class GradeRecord(Record):
     """A line of `grades.jsonl`."""
 
@@ -250,3 +272,5 @@ class GradeRecord(Record):
     answer_key: JsonValue
     grader_version: str
     pack_version: str
+    law: LawGrade | None = Field(default=None, exclude_if=is_absent)
+    """Grade of the law that was stated with the answer; absent if none was stated, or none can be."""

@@ -116,7 +116,7 @@ async def _row(
     pack = pack_hash(find_pack(variant.scene, keys.folder))
     versions = Versions(physment=version("physment-mcp"), protocol="", pack=pack)
     async with laboratory.open(variant.scene, variant.seed) as client:
-        tools = (await (toolboxes := laboratory.toolboxes or Toolboxes()).of(client)).tools
+        tools = (await (toolboxes := laboratory.toolboxes or Toolboxes()).of(client, variant.scene)).tools
         played = await play_episode(agent, client, key, versions, toolboxes)
     if grade_record(played, keys).grade.strict is not Verdict.CORRECT:
         return None

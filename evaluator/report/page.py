@@ -28,6 +28,7 @@ from evaluator.report.charts import Chart, Point, Series, chart
 from evaluator.report.errata import errata_table
 from evaluator.report.evidence import NOT_MEASURABLE, PLANE, evidence_table, planes
 from evaluator.report.export import shown
+from evaluator.report.laws import laws_table
 from evaluator.report.notebook import Entry, entries, laid_out, question, returned
 from evaluator.report.paper_tables import BUCKETS, bucket
 from evaluator.report.verdict_grid import verdict_grid
@@ -126,6 +127,7 @@ def render(runs: Sequence[Run], inline: int = INLINE, *, baselines: bool = True)
         experiment_cost=tables.experiment_cost(results),
         spent=list(_spent(results)),
         modes=list(FailureMode),
+        laws=laws_table(results),
         evidence=evidence_table(results),
         evidence_verdicts=[*EvidenceVerdict, NOT_MEASURABLE],
         planes=planes(results, ((entry.number, entry.agent_index, entry.row) for entry in found)),

@@ -9,6 +9,7 @@ from pydantic import Field
 from evaluator.errors import UsageError
 from evaluator.records.episode import Grade, Record, Verdict, is_absent
 from evaluator.scores.grouping import modality, problem_kind, quadrant
+from evaluator.scores.laws import LawSummary, law_summary
 from evaluator.scores.scored_episode import ScoredEpisode
 from evaluator.scores.sufficiency import EvidenceSummary, evidence_summary
 from evaluator.statistics.budget_curve import LEVEL
@@ -76,6 +77,10 @@ class Comparison(Record):
     """Verdicts on the evidence of A's episodes of the pairs; absent if none was measured."""
     evidence_b: EvidenceSummary | None = Field(default=None, exclude_if=is_absent)
     """The same of B."""
+    laws_a: LawSummary | None = Field(default=None, exclude_if=is_absent)
+    """The laws that A's episodes of the pairs stated; absent if their scenes ask for none."""
+    laws_b: LawSummary | None = Field(default=None, exclude_if=is_absent)
+    """The same of B."""
     only_a: int
     """Episodes of A without a counterpart in B; they are left out."""
     only_b: int
@@ -122,6 +127,8 @@ def compare(a: Side, b: Side) -> Comparison:
         groups=tuple(found for name, group in _GROUPINGS.items() for found in _grouped(scored, name, group)),
         evidence_a=evidence_summary(first.measured for first, _ in scored if first.measured),
         evidence_b=evidence_summary(second.measured for _, second in scored if second.measured),
+        laws_a=law_summary(first.stated for first, _ in scored if first.stated),
+        laws_b=law_summary(second.stated for _, second in scored if second.stated),
         only_a=len(firsts) - len(common),
         only_b=len(seconds) - len(common),
         unscored=len(pairs) - len(scored),

@@ -28,6 +28,7 @@ from evaluator.scores.grouping import (
     skill,
     skill_interval,
 )
+from evaluator.scores.laws import LawSummary, law_summary
 from evaluator.scores.scored_episode import ScoredEpisode
 from evaluator.scores.sufficiency import EvidenceSummary, evidence_summary
 from evaluator.statistics.ability import Ability, ability_of
@@ -117,6 +118,8 @@ class GroupSummary(Record):
     """Failure mode → number of scored episodes that show it, and of those that are strictly incorrect."""
     evidence: EvidenceSummary | None = Field(default=None, exclude_if=is_absent)
     """Verdicts on the evidence of the scored episodes; absent if none was measured."""
+    laws: LawSummary | None = Field(default=None, exclude_if=is_absent)
+    """The laws that the scored episodes stated; absent if their scenes ask for none."""
     outcomes: dict[Outcome, int]
     """Outcome → number of episodes, over all `n` episodes."""
 
@@ -319,6 +322,7 @@ def _summary(table: Sequence[_Row]) -> GroupSummary:
         experiment_cost=median_cost([row.experiment_cost for row in scored]),
         failures=failure_counts((row.grade, row.failures) for row in scored),
         evidence=evidence_summary(row.measured for row in scored if row.measured),
+        laws=law_summary(row.stated for row in scored if row.stated),
         outcomes=dict(sorted(Counter(row.source.episode.outcome for row in table).items())),
     )
 

@@ -10,6 +10,7 @@ from evaluator.scores.errata import is_withdrawn
 from evaluator.scores.failures.findings import Failure
 from evaluator.scores.grounding import Grounding
 from evaluator.scores.grouping import rung
+from evaluator.scores.laws import StatedEpisode
 from evaluator.scores.sufficiency import MeasuredEpisode
 from scenes import Erratum, Rung, reference_of
 
@@ -44,6 +45,8 @@ class ScoredEpisode:
     """Known fault of the pack that it was played on; None if none is known."""
     evidence: EvidenceRecord | None = None
     """What its experiments determine; None if that was not measured."""
+    asks_for_law: bool = False
+    """Whether its scene asks for a law with the answer."""
 
     @property
     def key(self) -> EpisodeKey:
@@ -84,6 +87,11 @@ class ScoredEpisode:
     def measured(self) -> MeasuredEpisode | None:
         """Episode, evidence and verdict; None if the evidence was not measured."""
         return None if self.evidence is None else MeasuredEpisode(self.episode, self.evidence, self.grade.strict)
+
+    @property
+    def stated(self) -> StatedEpisode | None:
+        """Its law and its verdict; None if its scene asks for no law."""
+        return StatedEpisode(self.record.law, self.grade.strict) if self.asks_for_law else None
 
     @property
     def is_withdrawn(self) -> bool:

@@ -10,10 +10,11 @@ from pydantic import JsonValue
 
 from evaluator.answers.grading import GRADER_VERSION, grade_episode
 from evaluator.answers.keys import KeyRing
+from evaluator.answers.laws import LAW_GRADER_VERSION, grade_law, hash_of, stated_law
 from evaluator.answers.rewards import chance_at
 from evaluator.answers.strict import AnswerKey
 from evaluator.errors import UsageError
-from evaluator.records.episode import Episode, EpisodeKey, Grade, GradeRecord, Verdict
+from evaluator.records.episode import Episode, EpisodeKey, Grade, GradeRecord, LawGrade, Verdict
 from evaluator.records.evidence import EvidenceRecord
 from evaluator.scores.dimensions import cost_of, dimensions
 from evaluator.scores.errata import is_withdrawn, withdrawn_grade
@@ -70,6 +71,7 @@ def score_episode(
         failures=failures_of(episode, record.grade, expected_form(form, facts.task)),
         erratum=erratum,
         evidence=evidence,
+        asks_for_law=facts.asks_for_law,
     )
 
 
@@ -88,9 +90,10 @@ def grade_run(folder: RunFolder, keys: KeyRing, *, withhold: bool = False, kept:
         UsageError: A pack is malformed or gives no key, or an episode has no stored grade that could be kept.
         StoreError: The folder cannot be read or written.
     """
-    rows = graded_rows(folder, keys, withhold=withhold, kept=kept)
+    before = folder.grades()
+    rows = graded_rows(folder, keys, withhold=withhold, kept=kept, before=before)
     records = [row.record for row in rows]
-    changes = _changes(folder.grades(), records)
+    changes = _changes(before, records)
     if changes:
         changes.append(f"the previous grades are kept in {folder.keep_grades()}")
     folder.write_grades(records)
@@ -100,7 +103,12 @@ def grade_run(folder: RunFolder, keys: KeyRing, *, withhold: bool = False, kept:
 
 
 def graded_rows(
-    folder: RunFolder, keys: KeyRing, *, withhold: bool = False, kept: Collection[int] = ()
+    folder: RunFolder,
+    keys: KeyRing,
+    *,
+    withhold: bool = False,
+    kept: Collection[int] = (),
+    before: Mapping[EpisodeKey, GradeRecord] | None = None,
 ) -> list[ScoredEpisode]:
     """Grade and score the episodes of a run. Writes nothing.
 
@@ -109,6 +117,7 @@ def graded_rows(
         keys: Answer keys of its scenes.
         withhold: Whether to omit answer keys and reasons from the grades.
         kept: Scenes whose stored grades are kept.
+        before: Earlier grades, of which those of unchanged laws are kept, because grading a law takes about a second.
 
     Raises:
         UsageError: A pack is malformed or gives no key, or an episode has no stored grade that could be kept.
@@ -121,6 +130,8 @@ def graded_rows(
         if episode.key.scene in kept and not withdrawn:
             return _stored(episode, stored)
         record = grade_record(episode, keys)
+        if not withdrawn:
+            record = record.model_copy(update={"law": law_grade(episode, keys, (before or {}).get(episode.key))})
         if withdrawn or not withhold:
             return record
         return record.model_copy(
@@ -149,6 +160,28 @@ def grade_record(episode: Episode, keys: KeyRing) -> GradeRecord:
         grader_version=GRADER_VERSION,
         pack_version=episode.versions.pack,
     )
+
+
+def law_grade(episode: Episode, keys: KeyRing, stored: GradeRecord | None = None) -> LawGrade | None:
+    """Grade the law of an episode; None if it states none, or its scene asks for none.
+
+    Args:
+        episode: The recorded episode.
+        keys: Laws of the packs that it was played on.
+        stored: An earlier grade, which is kept if nothing has changed.
+
+    Raises:
+        UsageError: The pack is malformed.
+    """
+    law = stated_law(episode)
+    true = None if law is None else keys.law(episode.key.scene, episode.key.seed)
+    if true is None:
+        return None
+    if stored is not None and stored.law is not None:
+        before = stored.pack_version, stored.law.version, stored.law.sha256
+        if before == (episode.versions.pack, LAW_GRADER_VERSION, hash_of(law)):
+            return stored.law
+    return grade_law(law, true)
 
 
 def strict_verdict(episode: Episode, keys: KeyRing) -> Verdict:

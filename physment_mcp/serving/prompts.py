@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from enum import StrEnum
 
 from physment_mcp.serving.examples import EXAMPLES, shown
-from physment_mcp.serving.prompt_blocks import answer_block, laboratory_blocks, steps_block, tool_listing
+from physment_mcp.serving.prompt_blocks import LAW_BLOCK, answer_block, laboratory_blocks, steps_block, tool_listing
 from physment_mcp.session import Session
-from physment_mcp.tools import TOOLS
+from physment_mcp.tools import TOOLS, tools_of
 
 
 class Prompting(StrEnum):
@@ -74,6 +74,7 @@ def opening_prompt(session: Session, options: PromptOptions = PromptOptions()) -
         *_examples(options.prompting, text=text),
         answer_block(scene.answer_form, scene.problem_type),
         *steps_block(scene.steps),
+        *([LAW_BLOCK] if scene.law_answer else []),
         "# Guidelines\n\nTime stands still until you call `step`. Forces and torques keep acting until you set them"
         " again. Assume nothing that you can measure. You can answer once; the answer ends the episode."
         + ("" if text else " Before each set of calls, say in a sentence or two why you make them."),
@@ -133,7 +134,7 @@ def _tools(session: Session, *, listing: bool) -> str:
     disabled = [tool.name for tool in TOOLS if tool.name in session.scene.public.disabled_tools]
     parts = ["# Tools"]
     if listing:
-        parts += [tool_listing(TOOLS), _ID_AND_CLOCK]
+        parts += [tool_listing(tools_of(session)), _ID_AND_CLOCK]
     else:
         parts.append(f"You have {len(TOOLS)} tools; each says what it does, in which units.")
     if disabled:

@@ -90,6 +90,7 @@ def _scene_view(session: Session) -> dict[str, Any]:
         "objects": [{"object_id": item.object_id, "name": item.name, **look} for item, look in session.opening],
         "answer": form and _answer_view(form),
         **({"steps": [step.model_dump() for step in scene.steps]} if scene.steps else {}),
+        **({"law_answer": True} if scene.law_answer else {}),
         "disabled_tools": sorted(scene.disabled_tools),
         "timestep_s": session.world.timestep,
     }

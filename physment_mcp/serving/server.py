@@ -26,7 +26,7 @@ from physment_mcp.serving.resources import FRESH_MS, ICON, MAX_URI, listed_resou
 from physment_mcp.serving.slot import FULL, EpisodeSlot
 from physment_mcp.serving.views import frame_with, recorded, view_with
 from physment_mcp.session import Session
-from physment_mcp.tools import TOOLS
+from physment_mcp.tools import TOOLS, Tool, tools_of
 from physment_mcp.tools.calls import MAX_NAME, call_async
 from physment_mcp.version import __version__
 
@@ -55,7 +55,7 @@ def build_server(slot: EpisodeSlot) -> Server[Any]:
             "resources/templates/list": _SAME_FOR_ALL,
             "server/discover": CacheHint(),
         },
-        get_tool_input_schema=lambda name: _input_schemas().get(name),
+        get_tool_input_schema=lambda name: _input_schemas(tools_of(slot.session)).get(name),
         on_list_tools=service.list_tools,
         on_call_tool=service.call_tool,
         on_list_prompts=service.list_prompts,
@@ -74,8 +74,12 @@ def _instructions(slot: EpisodeSlot) -> str:
 
 
 @functools.cache
-def published_tools() -> tuple[types.Tool, ...]:
-    """Return the 26 tools as MCP publishes them, in a fixed order; the same for every episode."""
+def published_tools(tools: tuple[Tool[Any], ...] = TOOLS) -> tuple[types.Tool, ...]:
+    """Return the 26 tools as MCP publishes them, in a fixed order.
+
+    Args:
+        tools: The tools of an episode; by default those of scenes that ask for no law.
+    """
     return tuple(
         types.Tool(
             name=tool.name,
@@ -91,13 +95,13 @@ def published_tools() -> tuple[types.Tool, ...]:
                 open_world_hint=False,
             ),
         )
-        for tool in TOOLS
+        for tool in tools
     )
 
 
 @functools.cache
-def _input_schemas() -> dict[str, dict[str, Any]]:
-    return {tool.name: tool.input_schema for tool in published_tools()}
+def _input_schemas(tools: tuple[Tool[Any], ...]) -> dict[str, dict[str, Any]]:
+    return {tool.name: tool.input_schema for tool in published_tools(tools)}
 
 
 class _Service:
@@ -112,10 +116,11 @@ class _Service:
     async def list_tools(
         self, ctx: ServerRequestContext[Any], _params: types.PaginatedRequestParams | None
     ) -> types.ListToolsResult:
+        published = published_tools(tools_of(self._slot.session))
         if self._shows_app(ctx):
-            tools = lab_app.with_app(published_tools())
+            tools = lab_app.with_app(published)
             return types.ListToolsResult(tools=tools, ttl_ms=FRESH_MS, cache_scope="private")
-        return types.ListToolsResult(tools=list(published_tools()))
+        return types.ListToolsResult(tools=list(published))
 
     async def call_tool(
         self, ctx: ServerRequestContext[Any], params: types.CallToolRequestParams

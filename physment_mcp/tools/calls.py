@@ -13,7 +13,7 @@ from pydantic import ValidationError
 
 from physment_mcp.errors import BadArgument, BeyondLimit, NotAvailable, Unstable, quoted
 from physment_mcp.session import Session
-from physment_mcp.tools import TOOLS
+from physment_mcp.tools import TOOLS, tools_of
 from physment_mcp.tools.base import Arguments, Pieces, Progress, Tool
 from physment_mcp.tools.episode import ANSWER
 from physment_mcp.tools.results import Result
@@ -124,6 +124,8 @@ def _checked(
     tool = _BY_NAME.get(name)
     if tool is None:
         raise BadArgument(f"there is no tool {quoted(name)}; the tools are {', '.join(_BY_NAME)}")
+    if answers:
+        tool = tools_of(session)[-1]
     if name in session.scene.public.disabled_tools:
         raise NotAvailable(f"{name} is not available in this scene")
     return tool, tool.parse(arguments)

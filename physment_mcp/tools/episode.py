@@ -1,10 +1,12 @@
 """Tools that advance the episode: let time pass, and answer."""
 
-from typing import Annotated
+from typing import Annotated, Any
 
-from pydantic import Field
+from pydantic import Field, WithJsonSchema
 
-from physment_mcp.errors import BeyondLimit
+from physment_mcp.contract.expressions import ExpressionError
+from physment_mcp.contract.stated_laws import SCHEMA, StatedLaw
+from physment_mcp.errors import BadArgument, BeyondLimit
 from physment_mcp.session import MAX_SIMULATED_S, Session
 from physment_mcp.tools.base import Arguments, Pieces, Progress, Tool
 from physment_mcp.tools.results import Answered, Stepped
@@ -38,6 +40,31 @@ class AnswerArguments(Arguments):
     ] = None
 
 
+_LAW = (
+    "The law that you believe, if you know one: the acceleration of each object, without any rim, wall or stop. It is"
+    " graded apart and does not change whether your answer is right. `acceleration` gives, for each object and each of"
+    " x, y, z [m/s²] and angle [rad/s²], an expression; what is left out is 0. Expressions contain numbers, pi, + - * /"
+    " % ** and brackets, comparisons, `a if c else b`, and, or, not, the functions abs min max sqrt exp log sin cos tan"
+    " asin acos atan atan2 tanh hypot sign floor, and the names t [s]; for each object, such as object_1: object_1_x,"
+    " _y, _z [m], _vx, _vy, _vz [m/s], _angle [rad], _spin [rad/s], the force that you apply to it, object_1_push_x,"
+    " _push_y, _push_z [N], and the torque, object_1_turn_x, _turn_y, _turn_z [N·m]; the names that `let` defines, in"
+    " order; and those of `state`, quantities that remember the past: `start` is the value at the start of the episode,"
+    ' `rate` its time derivative. Example: {"acceleration": {"object_1": {"x": "object_1_push_x/m -'
+    ' fresh*object_1_vx"}}, "let": {"m": 1.2, "fresh": "exp(-way/3)"}, "state": {"way": {"start": 0, "rate":'
+    ' "abs(object_1_vx)"}}}. A law that cannot be read is refused, and the answer is not given.'
+)
+
+
+class LawAnswerArguments(AnswerArguments):
+    """Arguments of `answer` in scenes that ask for a law."""
+
+    law: Annotated[
+        dict[str, Any] | None,
+        Field(description=_LAW),
+        WithJsonSchema({"anyOf": [SCHEMA, {"type": "null"}], "default": None, "description": _LAW}),
+    ] = None
+
+
 def _step(session: Session, args: StepArguments) -> Pieces:
     world = session.world
     steps = world.whole_steps(args.duration)
@@ -65,6 +92,18 @@ def _answer(session: Session, args: AnswerArguments) -> Answered:
     return Answered(sim_time=session.world.time, acknowledged=True)
 
 
+def _answer_with_law(session: Session, args: LawAnswerArguments) -> Answered:
+    if args.law is not None:
+        # Only the text and the ids of known objects decide, so a refusal does not depend on the law of the scene.
+        listed = {one.object_id for one in session.scene.public.objects}
+        try:
+            StatedLaw(args.law, [item.object_id for item in session.known() if item.object_id in listed])
+        except ExpressionError as error:
+            raise BadArgument(f"answer: law: {error}; the answer is not given") from None
+    session.answer(args.answer, args.steps, args.law)
+    return Answered(sim_time=session.world.time, acknowledged=True)
+
+
 STEP = Tool(
     "step",
     "Step",
@@ -83,3 +122,7 @@ ANSWER = Tool(
     _answer,
     destructive=True,
 )
+ANSWER_WITH_LAW = Tool(
+    ANSWER.name, ANSWER.title, ANSWER.description, LawAnswerArguments, Answered, _answer_with_law, destructive=True
+)
+"""`answer` in scenes that ask for a law too."""

@@ -12,9 +12,9 @@ import mujoco
 import numpy as np
 
 from physment_mcp.contract.expressions import ExpressionError
+from physment_mcp.contract.formulas import Formulas, Part, Summand, joined
 from physment_mcp.errors import SceneError
 from physment_mcp.world.engines import passive_forces_act
-from physment_mcp.world.expressions import Formulas, Part, Summand, joined
 from physment_mcp.world.readings import only_hinge
 from physment_mcp.world.reentrant import Addresses, add_passive_forces, body_velocity
 from physment_mcp.world.written_laws import WrittenLaw, read_laws

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 from xml.sax.saxutils import quoteattr
 
+from scenes.law_statements import statement_of
 from scenes.pack import CANARY, Pack
 from scenes.worlds.experiment import LOOK_S, LOOKS, RESOLUTION
 from scenes.worlds.law_texts import laws_of, walls_of
@@ -107,21 +108,38 @@ def mjcf_of(record: WorldRecord, *, walled: bool = True, padded: bool = True, st
         padded: Whether to add the laws and bodies without effect that the model of a laboratory has.
         start: Initial state; None for that of the experiment.
     """
-    structure, apparatus = record.structure, record.apparatus
-    parts = [_ground(apparatus, record.radius)]
+    padding = padding_of(record.structure, record.level) if padded else NO_PADDING
+    return _model(record.structure, record.constants, padding, record.salt, walled=walled, start=start)
+
+
+def law_of(structure: Structure, constants: Mapping[str, float]) -> dict[str, Any]:
+    """Return the law of a structure with these constants, without its wall, as an agent would state it."""
+    return statement_of(_model(structure, constants, NO_PADDING, "", walled=False, start=None))
+
+
+def _model(
+    structure: Structure,
+    constants: Mapping[str, float],
+    padding: Padding,
+    salt: str,
+    *,
+    walled: bool,
+    start: StartState | None,
+) -> str:
+    apparatus = structure.apparatus
+    parts = [_ground(apparatus, structure.radius)]
     for body in range(1, structure.bodies + 1):
         place = (0.0 if apparatus is not Apparatus.PAIR else -START_M if body == 1 else START_M, 0.0, 0.05)
-        parts.append(_seen(apparatus, body, place, record.constants["m" if body == 1 else "m2"]))
+        parts.append(_seen(apparatus, body, place, constants["m" if body == 1 else "m2"]))
     axes = "xy" if apparatus.flat else "x"
     parts += [_unseen(f"hidden_{at}", axes) for at in structure.hidden]
-    padding = padding_of(structure, record.level) if padded else NO_PADDING
     parts += [_unseen("odo", "z")] if structure.worn or padding.way else []
     parts += [_unseen(name, axes) for name in padding.hidden]
     written = (*laws_of(structure), *(walls_of(structure) * walled), *padding.laws)
-    laws = [_with_constants(law, record.constants) for law in written]
+    laws = [_with_constants(law, constants) for law in written]
     return (
         f'<mujoco><compiler angle="radian"/><option timestep="{TIMESTEP_S}" integrator="RK4" gravity="0 0 0"/>'
-        f'<custom><text name="{SALT}" data={quoteattr(record.salt)}/>'
+        f'<custom><text name="{SALT}" data={quoteattr(salt)}/>'
         f'<text name="laws" data={quoteattr(json.dumps(laws, separators=(",", ":")))}/></custom>'
         f'<worldbody><light pos="0 0 8" dir="0 0 -1"/>{"".join(parts)}</worldbody>'
         f"{'' if start is None else _key(structure, padding, start)}</mujoco>\n"

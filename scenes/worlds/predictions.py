@@ -15,6 +15,7 @@ from scenes.worlds.answering import answers
 from scenes.worlds.candidates import Fit, score_of
 from scenes.worlds.experiment import COURSE_S, Situation, laws_of_fit
 from scenes.worlds.questions import Question, tolerance
+from scenes.worlds.refits import constants_of
 from scenes.worlds.search import Search
 from scenes.worlds.terms import Structure
 from scenes.worlds.weak_form import Legs, box_of, named
@@ -46,6 +47,8 @@ class Prediction:
     """The weighted structures."""
     tried: int
     """Number of structures that were fitted."""
+    law: tuple[Structure, dict[str, float]]
+    """The best structure, with its constants."""
 
     def says(self) -> str:
         """Describe the prediction and its uncertainty in words."""
@@ -105,6 +108,7 @@ def weighed(search: Search, best: Sequence[Fit], asked: Sequence[Question]) -> P
         fits[0].chi_square / max(search.legs.course.count - len(fits[0].unit), 1),
         dict(zip((fit.structure for fit in fits), (float(w) for w in weights / weights.sum()), strict=True)),
         search.tried,
+        (fits[0].structure, constants_of(fits[0])),
     )
 
 

@@ -4,15 +4,16 @@
 `solution.py` of a pack contains the record and calls it. `blind_protocol` gets only the prompt and the grammar.
 """
 
-from collections.abc import Callable, Generator
+from collections.abc import Callable, Generator, Mapping
 
 import numpy as np
 
 from scenes.courses import Course
 from scenes.fitting import Array
-from scenes.protocol import Call, Protocol, Reading, answer, call
+from scenes.protocol import Call, Protocol, Reading, answer, call, with_law
 from scenes.worlds.answering import answers
 from scenes.worlds.experiment import LOOK_S, LOOKS, SEARCH_S, Excitation, Situation
+from scenes.worlds.packs import law_of
 from scenes.worlds.parts import Apparatus
 from scenes.worlds.predictions import Prediction, on_course, predicted, searched_course
 from scenes.worlds.records import WorldRecord
@@ -31,6 +32,8 @@ solve = protocol({line!r})
 """The content of `solution.py`."""
 _SEED = 5
 """Seed of the pushes, which differs from the certificate's."""
+_ASKS_FOR_LAW = "In the argument `law` of `answer`"
+"""Words of the opening prompt of a scene in which a law may be stated with the answer."""
 SEARCH_SECONDS = 60.0
 """Processor time of the search for the terms [s]."""
 
@@ -39,12 +42,13 @@ def protocol(line: str) -> Callable[[str], Protocol]:
     """Return the protocol of a world, from the line of its record. It does not use the constants."""
     record = WorldRecord.model_validate_json(line)
 
-    def solve(_prompt: str) -> Protocol:
+    def solve(prompt: str) -> Protocol:
         course = yield from _explored(record.told)
         structure = record.structure
         fit = on_course(course, record.told, Search(Legs.of(course, record.told)).solve(structure), SEARCH_S)
-        found = np.nan_to_num(answers(structure, constants_of(fit), record.questions, 0.02)[:, 0])
-        yield [answer([float(f"{number:.6g}") for number in found])]
+        constants = constants_of(fit)
+        found = np.nan_to_num(answers(structure, constants, record.questions, 0.02)[:, 0])
+        yield [_answered(prompt, found, structure, constants)]
 
     return solve
 
@@ -67,7 +71,13 @@ def blind_protocol(
     prediction = predicted(searched_course(course, told, seconds), asked)
     if on_predicted is not None:
         on_predicted(prediction)
-    yield [answer([float(f"{number:.6g}") for number in prediction.answer])]
+    yield [_answered(prompt, prediction.answer, *prediction.law)]
+
+
+def _answered(prompt: str, found: Array, structure: Structure, constants: Mapping[str, float]) -> Call:
+    """Return the call with the answer, and with the law if the prompt asks for one."""
+    answered = answer([float(f"{number:.6g}") for number in found])
+    return with_law(answered, law_of(structure, constants) if _ASKS_FOR_LAW in prompt else None)
 
 
 def _explored(told: Situation) -> Generator[list[Call], list[Reading], Course]:

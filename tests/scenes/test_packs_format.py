@@ -138,7 +138,7 @@ from pathlib import Path
 from scenes import PackError, PackFiles
 from scenes.draw import evaluate
 from physment_mcp.contract.expressions import ExpressionError
-from physment_mcp.world.expressions import Formulas
+from physment_mcp.contract.formulas import Formulas
 
 resource.setrlimit(resource.RLIMIT_CPU, (20, 20))
 used = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()

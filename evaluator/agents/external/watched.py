@@ -75,7 +75,7 @@ class WatchedEpisode:
             InfrastructureError: The server failed.
         """
         async with self._connected() as client:
-            toolbox = await toolboxes.of(client)
+            toolbox = await toolboxes.of(client, key.scene)
             return Briefing(await opening_prompt(client, key, key.budget), toolbox.tools, key.budget, scene={})
 
     @contextlib.asynccontextmanager

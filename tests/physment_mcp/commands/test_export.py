@@ -79,7 +79,7 @@ def test_an_older_export_that_writes_soft_objects_as_numbers_is_read_the_same(ex
 def test_an_exported_suite_says_nothing_private(exported: Path) -> None:
     keys = {
         "scene_id", "name", "task", "problem_type", "objects", "answer_form", "disabled_tools", "soft_objects",
-        "limits", "instruments", "steps", "schematic",
+        "limits", "instruments", "steps", "schematic", "law_answer",
     }  # fmt: skip
     texts = everything_in(exported)
     assert CANARY not in texts

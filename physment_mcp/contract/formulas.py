@@ -24,15 +24,25 @@ class Formulas:
         constants: Name → fixed value.
         let: Name → expression. Later expressions and the results may use the name.
         results: Field → expression of the result.
+        chosen: Further names whose values are passed, which are checked, because the author of the expressions chose
+            them.
 
     Raises:
         ExpressionError: An expression contains an unknown name or something that is not allowed, or a name is taken.
     """
 
     def __init__(
-        self, names: Collection[str], constants: Mapping[str, float], let: Mapping[str, str], results: Mapping[str, str]
+        self,
+        names: Collection[str],
+        constants: Mapping[str, float],
+        let: Mapping[str, str],
+        results: Mapping[str, str],
+        chosen: Collection[str] = (),
     ) -> None:
         known = {"pi", *names}
+        for name in chosen:
+            _refuse_name(f"state.{name[:40]}", name, known)
+            known.add(name)
         for name in constants:
             _refuse_name(f"constants.{name}", name, known)
             known.add(name)
@@ -43,8 +53,16 @@ class Formulas:
             _refuse_name(f"let.{name}", name, known)
             known.add(name)
         self._results = {field: _read(field, text, known) for field, text in results.items()}
-        self.used = names_in(*self._let.values(), *self._results.values()) & set(names)
-        """The subset of `names` that the expressions contain."""
+        self.used = names_in(*self._let.values(), *self._results.values()) & {*names, *chosen}
+        """The names with passed values that the expressions contain."""
+
+    @property
+    def length(self) -> int:
+        """Number of names, numbers, operators and functions in all expressions."""
+        nodes = [*self._let.values(), *self._results.values()]
+        for node in nodes:
+            nodes += node.parts  # extends the list that the loop iterates over
+        return len(nodes)
 
     def function(self, arguments: Sequence[str]) -> Compiled:
         """Compile one function that computes all results.
@@ -151,7 +169,8 @@ def _reason(function: Compiled, values: Sequence[float]) -> str | None:
 def _refuse_name(field: str, name: str, taken: Collection[str]) -> None:
     """Refuse a name that is not an identifier or is already taken."""
     if not _NAME.fullmatch(name) or keyword.iskeyword(name):
-        raise ExpressionError(f"{field}: {name!r} cannot be a name; use a letter, then letters, digits and single _")
+        shown = repr(name[:40])
+        raise ExpressionError(f"{field}: {shown} cannot be a name; use a letter, then letters, digits and single _")
     if name in FUNCTIONS or name in taken:
         raise ExpressionError(f"{field}: the name {name!r} has a meaning already")
 

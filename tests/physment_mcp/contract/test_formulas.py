@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from physment_mcp.contract.expressions import ExpressionError
-from physment_mcp.world.expressions import Formulas
+from physment_mcp.contract.formulas import Formulas
 
 
 def value(text: str, **names: float) -> float:

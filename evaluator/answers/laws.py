@@ -1,0 +1,320 @@
+"""Grades a law that an agent states with its answer, against the law of the laboratory. Uses no engine and no judge.
+
+Both laws are integrated by the same steps, from the same states, under the same loads. They are compared by what they
+do and not by how they are written, so equivalent laws get the same grade.
+"""
+
+import hashlib
+import json
+import math
+import random
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from statistics import median
+from typing import Any, NamedTuple
+
+from evaluator.records.episode import Episode, LawGrade, Outcome
+from physment_mcp.contract.expressions import ExpressionError
+from physment_mcp.contract.stated_laws import PLACES, SPEEDS, StatedLaw
+from scenes.law_statements import Coordinate, LawModel
+
+LAW_GRADER_VERSION = "1"
+"""Version of these rules, stored with each grade of a law."""
+EQUIVALENT = 0.05
+"""Largest median error of the courses of an equivalent law, relative to how far the body moves."""
+_COURSES = 20
+"""Number of courses within the reach of the laboratory, and beyond it."""
+_LEG_S, _LEGS, _LOOKS = 1.5, 2, 6
+"""Duration of a leg with a constant load [s], legs of a course, and looks at a leg."""
+_STEP_S, _HELD_STEP_S = 0.01, 0.05
+"""Steps of the integration of a course, and of states while the objects are held [s]."""
+_LEAST = 0.2
+"""Smallest scale of a course's error, relative to the median course."""
+_PROBES, _CLAMPED_S = 24, 3.0
+"""Number of states at which a dependence is tested, and time for which objects are clamped before [s]."""
+_INDEPENDENT, _DEPENDENT, _FELT = 0.005, 0.02, 0.01
+"""Largest effect of a quantity on which a true acceleration does not depend, smallest effect of one on which it does,
+and smallest effect that a stated law must have, all relative to the acceleration."""
+_TURN = 3.0
+"""What stands for the radius where objects turn or nothing limits them [rad or m]."""
+_LONG_S = 30.0
+"""What stands for the time of a laboratory that states no limit [s]."""
+
+
+class TrueLaw(NamedTuple):
+    """The law of a scene at a seed."""
+
+    model: LawModel
+    lab_time: float | None
+    """Laboratory time of an episode [s]; None for no limit."""
+    objects: tuple[str, ...]
+    """Ids of the objects that an agent can name."""
+
+    @property
+    def motion(self) -> "Motion":
+        """The motion of the objects by the law."""
+        return Motion(StatedLaw(self.model.statement, self.objects), self.model.coordinates)
+
+
+def stated_law(episode: Episode) -> Mapping[str, Any] | None:
+    """Return `law` of the accepted answer, unchanged; None if it has none, or if there is no accepted answer."""
+    if episode.outcome is not Outcome.ANSWERED:
+        return None
+    answers = (
+        exchange.call.arguments
+        for turn in episode.turns
+        for exchange in turn.exchanges
+        if exchange.call.tool == "answer" and exchange.returned and not exchange.is_error
+    )
+    found = next(answers, None)
+    return None if found is None else found.get("law")
+
+
+def grade_law(written: object, true: TrueLaw) -> LawGrade:
+    """Grade a law. Never raises for any JSON value.
+
+    Args:
+        written: The law as the agent wrote it.
+        true: The law of the laboratory.
+    """
+    try:
+        stated = StatedLaw(written, true.objects)
+    except ExpressionError as error:
+        return LawGrade(version=LAW_GRADER_VERSION, sha256=hash_of(written), equivalent=False, refused=str(error))
+    own, other = true.motion, Motion(stated, true.model.coordinates)
+    within, beyond = (_error(own, other, courses_of(true, far=far)) for far in (False, True))
+    return LawGrade(
+        version=LAW_GRADER_VERSION,
+        sha256=hash_of(written),
+        equivalent=max(within, beyond) <= EQUIVALENT,
+        error_within=within if math.isfinite(within) else None,
+        error_beyond=beyond if math.isfinite(beyond) else None,
+        dependence_f1=_dependence_f1(own, other, true),
+        length=stated.length,
+    )
+
+
+def hash_of(written: object) -> str:
+    """Return a short hash of a law, by which a stored grade names it."""
+    return hashlib.sha256(json.dumps(written).encode()).hexdigest()[:16]
+
+
+# Courses
+
+
+class Course(NamedTuple):
+    """A start and the loads of each leg, a number for each coordinate."""
+
+    held_s: float
+    """Time for which the objects are held at the start [s]."""
+    places: list[float]
+    speeds: list[float]
+    loads: list[list[float]]
+
+
+def courses_of(true: TrueLaw, *, far: bool) -> list[Course]:
+    """Return random courses, within the reach of the laboratory or beyond it; the same for every law of a scene."""
+    coordinates, radius = true.model.coordinates, true.model.radius or _TURN
+    low, high = (1.0, 1.5) if far else (0.0, 0.8)
+    swift, strong, late = (4.0, 8.0, 1.5) if far else (2.0, 3.0, 0.6)
+    found: list[Course] = []
+    for number in range(_COURSES):
+        source = random.Random(f"course:{far}:{number}")  # noqa: S311 - reproducible, not secret
+        held = late * (true.lab_time or _LONG_S) * source.random() if number % 2 else 0.0
+        places = _vectors(source, coordinates, low * radius, high * radius)
+        speeds = _vectors(source, coordinates, 0.0, swift)
+        pushes = [_vectors(source, coordinates, 0.3, strong) for _ in range(_LEGS)]
+        loads = [[a * one.inertia for a, one in zip(push, coordinates, strict=True)] for push in pushes]
+        found.append(Course(held, places, speeds, loads))
+    return found
+
+
+def _vectors(source: random.Random, coordinates: Sequence[Coordinate], low: float, high: float) -> list[float]:
+    """Return a vector of random direction and length for each object, as its components."""
+    found: list[float] = []
+    for body in dict.fromkeys(one.body for one in coordinates):
+        parts = [source.gauss() for one in coordinates if one.body == body]
+        size = (low + (high - low) * source.random()) / max(math.hypot(*parts), 1e-9)
+        found += [size * part for part in parts]
+    return found
+
+
+def _error(own: "Motion", other: "Motion", courses: Sequence[Course]) -> float:
+    """Return the median error of the courses of a law, relative to the motion; infinite where it has none."""
+    true, stated = ([law.followed(course) for course in courses] for law in (own, other))
+    pairs = [(a, b, course) for a, b, course in zip(true, stated, courses, strict=True) if a is not None]
+    moved = [_spread(a, [[*course.places, *course.speeds]] * len(a)) for a, _, course in pairs]
+    floor = tuple(_LEAST * median(parts) for parts in zip(*moved, strict=True))
+    return median(
+        math.inf
+        if b is None
+        else max(
+            error / max(scale, least, 1e-9) for error, scale, least in zip(_spread(a, b), scales, floor, strict=True)
+        )
+        for (a, b, _), scales in zip(pairs, moved, strict=True)
+    )
+
+
+def _spread(first: Sequence[Sequence[float]], second: Sequence[Sequence[float]]) -> tuple[float, float]:
+    """Return the root mean square distance of the places and of the velocities of two courses."""
+    half = len(first[0]) // 2
+
+    def distance(part: slice) -> float:
+        squares = [
+            (x - y) ** 2 for a, b in zip(first, second, strict=True) for x, y in zip(a[part], b[part], strict=True)
+        ]
+        return math.sqrt(sum(squares) / len(first))
+
+    return distance(slice(None, half)), distance(slice(half, None))
+
+
+@dataclass
+class Motion:
+    """The motion of the objects by a law."""
+
+    law: StatedLaw
+    coordinates: Sequence[Coordinate]
+
+    def __post_init__(self) -> None:
+        at, found = self.law.arguments.index, self.law.components
+        axes = [(one.body, one.axis, dict(zip(PLACES, SPEEDS, strict=True))[one.axis]) for one in self.coordinates]
+        self._places = [at(f"{body}_{axis}") for body, axis, _ in axes]
+        self._speeds = [at(f"{body}_{speed}") for body, _, speed in axes]
+        self._loads = [at(f"{body}_{'turn_z' if axis == 'angle' else f'push_{axis}'}") for body, axis, _ in axes]
+        self._results = [found.index((body, axis)) if (body, axis) in found else None for body, axis, _ in axes]
+        self._count, self._first = len(axes), len(self.law.arguments) - len(self.law.states)
+        self.start = list(self.law.states.values())
+
+    def rates(
+        self, time: float, seen: Sequence[float], states: Sequence[float], loads: Sequence[float]
+    ) -> tuple[list[float], list[float]]:
+        """Return the accelerations and the rates of the states.
+
+        Args:
+            time: Time since the start [s].
+            seen: Places, then velocities.
+            states: Values of the states.
+            loads: Forces and torques.
+
+        Raises:
+            ArithmeticError: The law has no value there.
+            ValueError: As for ArithmeticError.
+        """
+        values = [0.0] * len(self.law.arguments)
+        values[0], values[self._first :] = time, states
+        for n in range(self._count):
+            values[self._places[n]], values[self._speeds[n]] = seen[n], seen[self._count + n]
+            values[self._loads[n]] = loads[n]
+        found = self.law.rates(*values)
+        return [0.0 if at is None else found[at] for at in self._results], list(found[len(self.law.components) :])
+
+    def clamped(self, seen: Sequence[float], lasting: float) -> list[float]:
+        """Return the states after objects were clamped at places and velocities, from the start of the episode."""
+        states, none = list(self.start), [0.0] * self._count
+        if not states or not lasting:
+            return states
+        count = math.ceil(lasting / _HELD_STEP_S)
+        h = lasting / count
+
+        def slope(time: float, now: list[float]) -> list[float]:
+            return self.rates(time, seen, now, none)[1]
+
+        for number in range(count):
+            states = _advanced(slope, number * h, states, h)
+        return states
+
+    def followed(self, course: Course) -> list[list[float]] | None:
+        """Return places and velocities at each look of a course; None if the law has no finite course."""
+        time, looks, seen = course.held_s, list[list[float]](), [*course.places, *course.speeds]
+        h = _LEG_S / _LOOKS / round(_LEG_S / _LOOKS / _STEP_S)
+        try:
+            whole = seen + self.clamped([*course.places, *[0.0] * self._count], time)
+            for loads in course.loads:
+
+                def slope(now: float, y: list[float], loads: Sequence[float] = loads) -> list[float]:
+                    split = 2 * self._count
+                    accelerations, changes = self.rates(now, y[:split], y[split:], loads)
+                    return [*y[self._count : split], *accelerations, *changes]
+
+                for step in range(1, round(_LEG_S / h) + 1):
+                    whole = _advanced(slope, time, whole, h)
+                    time += h
+                    if step * _LOOKS % round(_LEG_S / h) == 0:
+                        looks.append(whole[: 2 * self._count])
+        except (ArithmeticError, ValueError):
+            return None
+        return looks if all(map(math.isfinite, looks[-1])) else None
+
+
+def _advanced(slope: Callable[[float, list[float]], list[float]], time: float, y: list[float], h: float) -> list[float]:
+    """Do one Runge-Kutta step of fourth order."""
+    a = slope(time, y)
+    b = slope(time + h / 2, [v + h / 2 * k for v, k in zip(y, a, strict=True)])
+    c = slope(time + h / 2, [v + h / 2 * k for v, k in zip(y, b, strict=True)])
+    d = slope(time + h, [v + h * k for v, k in zip(y, c, strict=True)])
+    return [v + h / 6 * (p + 2 * q + 2 * r + s) for v, p, q, r, s in zip(y, a, b, c, d, strict=True)]
+
+
+# Dependences
+
+
+def _dependence_f1(own: Motion, other: Motion, true: TrueLaw) -> float:
+    """Return the F1 score of the pairs of an acceleration and a quantity on which it depends.
+
+    Quantities are each place, velocity and load, the time, and the past: what was before, at the same present.
+    """
+    (found, scales), (stated, _) = _effects(own, true), _effects(other, true)
+    hits = wrong = missed = 0
+    for n, scale in enumerate(scales):
+        for real, told in zip(found[n], stated[n], strict=True):
+            if _INDEPENDENT * scale <= real < _DEPENDENT * scale:
+                continue
+            depends, felt = real >= _DEPENDENT * scale, told >= _FELT * scale
+            hits += depends and felt
+            wrong += felt and not depends
+            missed += depends and not felt
+    return 2 * hits / max(2 * hits + wrong + missed, 1)
+
+
+def _effects(law: Motion, true: TrueLaw) -> tuple[list[list[float]], list[float]]:
+    """Return the root mean square effect of each quantity on each acceleration, and the size of each acceleration."""
+    n, lab_time = len(true.model.coordinates), true.lab_time or _LONG_S
+    squares = [[0.0] * (3 * n + 2) for _ in range(n)]
+    sizes = [0.0] * n
+    for number in range(_PROBES):
+        source = random.Random(f"probe:{number}")  # noqa: S311 - reproducible, not secret
+        present, changed, past, other_past = (_present(source, true) for _ in range(4))
+        longer = _CLAMPED_S + source.random() * lab_time
+        base = _acceleration(law, _CLAMPED_S, present, past[: 2 * n])
+        variants = [
+            _acceleration(law, _CLAMPED_S, [*present[:at], changed[at], *present[at + 1 :]], past[: 2 * n])
+            for at in range(3 * n)
+        ]
+        variants.append(_acceleration(law, longer, present, past[: 2 * n]))
+        variants.append(_acceleration(law, _CLAMPED_S, present, other_past[: 2 * n]))
+        for at in range(n):
+            sizes[at] += base[at] ** 2 / _PROBES
+            for quantity, variant in enumerate(variants):
+                squares[at][quantity] += (variant[at] - base[at]) ** 2 / _PROBES
+    return [[math.sqrt(square) for square in row] for row in squares], [math.sqrt(size) for size in sizes]
+
+
+def _present(source: random.Random, true: TrueLaw) -> list[float]:
+    """Return random places, velocities and loads within the laboratory."""
+    coordinates = true.model.coordinates
+    pushes = _vectors(source, coordinates, 0.3, 3.0)
+    return [
+        *_vectors(source, coordinates, 0.0, 0.8 * (true.model.radius or _TURN)),
+        *_vectors(source, coordinates, 0.2, 2.0),
+        *(a * one.inertia for a, one in zip(pushes, coordinates, strict=True)),
+    ]
+
+
+def _acceleration(law: Motion, time: float, present: Sequence[float], past: Sequence[float]) -> list[float]:
+    """Return the accelerations after objects were clamped in the past; a law without a finite value has none."""
+    split = 2 * len(law.coordinates)
+    try:
+        found, _ = law.rates(time, present[:split], law.clamped(past, time), present[split:])
+    except (ArithmeticError, ValueError):
+        found = [math.inf]
+    return found if all(map(math.isfinite, found)) else [0.0] * len(law.coordinates)

@@ -1,0 +1,148 @@
+"""Tests of the grades of laws: what counts as knowing a law, and that how a law is written does not matter."""
+
+import copy
+import json
+from typing import Any
+
+import pytest
+
+from evaluator.answers.keys import KeyRing
+from evaluator.answers.laws import TrueLaw, grade_law, stated_law
+from evaluator.records.episode import LawGrade, Outcome
+from scenes import one_world
+from tests.builders.records import episode, refused, returned, turn
+
+RING = KeyRing()
+TRUE = RING.law(201, 1)
+assert TRUE is not None
+STATEMENT: dict[str, Any] = json.loads(json.dumps(TRUE.model.statement))
+
+
+def graded(law: object, true: TrueLaw = TRUE) -> LawGrade:
+    return grade_law(law, true)
+
+
+def changed(**let: str) -> dict[str, Any]:
+    """The true law with other auxiliary quantities."""
+    law = copy.deepcopy(STATEMENT)
+    law["let"] |= let
+    return law
+
+
+def test_the_true_law_is_known() -> None:
+    found = graded(STATEMENT)
+    assert (found.equivalent, found.error_within, found.error_beyond, found.dependence_f1) == (True, 0, 0, 1)
+    assert (found.length, found.refused) == (57, "")
+
+
+def test_a_law_that_is_written_otherwise_gets_the_same_grade() -> None:
+    law = copy.deepcopy(STATEMENT)
+    law["let"]["speed"] = "hypot(object_1_vx, object_1_vy) + 0*t + 0*sin(object_1_x)"
+    law["state"] = {"unused": {"start": 1, "rate": "object_1_vx"}}
+    found = graded(law)
+    assert found.equivalent
+    assert found.error_beyond == pytest.approx(0, abs=1e-4)
+    assert found.dependence_f1 == 1
+    assert found.length > 57
+
+
+def test_a_law_without_the_force_across_is_neither_equivalent_nor_free_of_missed_dependences() -> None:
+    found = graded(changed(turn="0"))
+    assert not found.equivalent
+    assert found.error_within is not None
+    assert found.error_within > 0.1
+    assert 0.5 < found.dependence_f1 < 1
+
+
+def test_a_law_that_holds_only_within_the_laboratory_is_not_known() -> None:
+    inside = "1 if hypot(object_1_x, object_1_y) < 6 else 0.2"
+    found = graded(changed(g=f"({STATEMENT['let']['g']})*({inside})"))
+    assert found.error_within is not None
+    assert found.error_within < 0.01
+    assert found.error_beyond is not None
+    assert found.error_beyond > 0.05
+    assert not found.equivalent
+
+
+def test_dependences_that_the_law_does_not_have_lower_the_score() -> None:
+    law = copy.deepcopy(STATEMENT)
+    for axis in "xy":
+        law["acceleration"]["object_1"][axis] += " + 0.3*sin(t) + 0.2*object_1_y"
+    assert graded(law).dependence_f1 < 0.95
+
+
+def test_a_component_that_is_left_out_is_zero() -> None:
+    law = {"acceleration": {"object_1": {"x": STATEMENT["acceleration"]["object_1"]["x"]}}, "let": STATEMENT["let"]}
+    assert graded(law) != graded(STATEMENT)
+    assert not graded(law).equivalent
+
+
+@pytest.mark.parametrize(
+    "text", ["exp(object_1_vx**2 + object_1_vy**2)*object_1_vx", "1000000*object_1_vx", "log(object_1_vx - min(object_1_vx, 9))"]
+)
+def test_a_law_that_diverges_has_no_error_and_is_not_known(text: str) -> None:
+    found = graded({"acceleration": {"object_1": {"x": text, "y": text.replace("vx", "vy")}}})
+    assert (found.equivalent, found.error_beyond) == (False, None)
+    json.dumps(found.model_dump(), allow_nan=False)
+
+
+@pytest.mark.parametrize("law", ["x", {}, {"acceleration": {"object_1": {"x": "nonsense"}}}, [1], 3.5])
+def test_a_law_of_an_edited_record_that_cannot_be_read_is_graded_as_such(law: object) -> None:
+    found = graded(law)
+    assert not found.equivalent
+    assert found.refused
+
+
+def test_a_wrong_memory_is_found_out() -> None:
+    true = RING.law(203, 1)
+    assert true is not None
+    law = json.loads(json.dumps(true.model.statement))
+    assert graded(law, true).equivalent
+    for name in ("past_vx", "past_vy"):
+        law["state"][name]["rate"] = "0"
+    found = graded(law, true)
+    assert not found.equivalent
+    assert found.dependence_f1 < 1
+
+
+def test_a_hidden_body_may_be_stated_by_other_states() -> None:
+    """The lag of scene 203 by twice the state and half the effect."""
+    true = RING.law(203, 1)
+    assert true is not None
+    law = json.loads(json.dumps(true.model.statement))
+    renamed = json.loads(
+        json.dumps(law).replace("past_vx", "(lagx/2)").replace("past_vy", "(lagy/2)")
+    )
+    renamed["state"] = {
+        name: {"start": 0, "rate": f"2*({law['state'][old]['rate'].replace(old, f'({name}/2)')})"}
+        for name, old in (("lagx", "past_vx"), ("lagy", "past_vy"))
+    }
+    found = graded(renamed, true)
+    assert found.equivalent
+    assert found.dependence_f1 == 1
+
+
+@pytest.mark.parametrize("reference", ["world:1:0", "world:3:1", "world:6:1", "world:7:0"])
+def test_laws_of_worlds_are_graded(reference: str) -> None:
+    true = RING.law(one_world(reference), 0)
+    assert true is not None
+    assert graded(true.model.statement, true).equivalent
+    other = {
+        "acceleration": {
+            body: {axis: f"{body}_{'turn_z' if axis == 'angle' else f'push_{axis}'}" for axis in true_axes(true, body)}
+            for body in true.objects
+        }
+    }
+    assert not graded(other, true).equivalent
+
+
+def true_axes(true: TrueLaw, body: str) -> list[str]:
+    return [axis for name, axis, _ in true.model.coordinates if name == body]
+
+
+def test_the_law_of_an_episode_is_that_of_its_accepted_answer() -> None:
+    first, second = refused("answer", answer=1, law={"no": 1}), returned("answer", None, answer=1, law=STATEMENT)
+    played = episode(turn("", first), turn("", second))
+    assert stated_law(played) == STATEMENT
+    assert stated_law(played.model_copy(update={"outcome": Outcome.BUDGET_EXHAUSTED})) is None
+    assert stated_law(played.model_copy(update={"turns": (turn("", returned("answer", None, answer=1)),)})) is None
