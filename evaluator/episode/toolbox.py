@@ -108,8 +108,12 @@ class Toolboxes:
     _lock: anyio.Lock = field(default_factory=anyio.Lock, repr=False)
     _alike: bool = True
     """Whether the server's replies allowed sharing the tools between clients so far."""
-    _kept: dict[int, tuple[Toolbox, float]] = field(default_factory=dict[int, tuple["Toolbox", float]])
+    _kept: dict[int, tuple[Toolbox, float]] = field(default_factory=dict[int, tuple[Toolbox, float]])
     """Scene → its tools, and until when they are fresh."""
+    _listed: list[tuple[Sequence[types.Tool], Toolbox]] = field(
+        default_factory=list[tuple[Sequence[types.Tool], Toolbox]], repr=False
+    )
+    """The different lists of tools so far, each with its toolbox."""
 
     async def of(self, client: Client, scene: int = 0) -> Toolbox:
         """Return the tools of the server that a client is connected to.
@@ -129,10 +133,12 @@ class Toolboxes:
                 return kept[0]
             asked_at = self.clock()
             listed = await client.list_tools()
-            toolbox = _toolbox(listed.tools, self.look, checked=not self.trusted)
             self._alike = listed.cache_scope == "public" and listed.ttl_ms > 0
+            toolbox = next((found for tools, found in self._listed if tools == listed.tools), None)
+            if toolbox is None:
+                toolbox = _toolbox(listed.tools, self.look, checked=not self.trusted)
+                self._listed.append((listed.tools, toolbox))
             if self._alike:
-                toolbox = next((other for other, _ in self._kept.values() if other.tools == toolbox.tools), toolbox)
                 self._kept[scene] = toolbox, asked_at + listed.ttl_ms / 1000
             return toolbox
 

@@ -78,7 +78,12 @@ def test_a_component_that_is_left_out_is_zero() -> None:
 
 
 @pytest.mark.parametrize(
-    "text", ["exp(object_1_vx**2 + object_1_vy**2)*object_1_vx", "1000000*object_1_vx", "log(object_1_vx - min(object_1_vx, 9))"]
+    "text",
+    [
+        "exp(object_1_vx**2 + object_1_vy**2)*object_1_vx",
+        "1e6*object_1_vx",
+        "log(5 - abs(object_1_x))",
+    ],
 )
 def test_a_law_that_diverges_has_no_error_and_is_not_known(text: str) -> None:
     found = graded({"acceleration": {"object_1": {"x": text, "y": text.replace("vx", "vy")}}})
@@ -110,9 +115,7 @@ def test_a_hidden_body_may_be_stated_by_other_states() -> None:
     true = RING.law(203, 1)
     assert true is not None
     law = json.loads(json.dumps(true.model.statement))
-    renamed = json.loads(
-        json.dumps(law).replace("past_vx", "(lagx/2)").replace("past_vy", "(lagy/2)")
-    )
+    renamed = json.loads(json.dumps(law).replace("past_vx", "(lagx/2)").replace("past_vy", "(lagy/2)"))
     renamed["state"] = {
         name: {"start": 0, "rate": f"2*({law['state'][old]['rate'].replace(old, f'({name}/2)')})"}
         for name, old in (("lagx", "past_vx"), ("lagy", "past_vy"))

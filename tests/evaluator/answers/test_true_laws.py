@@ -1,4 +1,4 @@
-"""Tests that the laws which grades compare with are those of the laboratory: the engine moves bodies in the same way."""
+"""Tests that the laws which grades compare with are those of the laboratory: the engine moves bodies by them."""
 
 import numpy as np
 import pytest

@@ -126,3 +126,14 @@ async def test_a_result_that_fits_its_schema_or_has_none_is_returned() -> None:
         async with asked.client() as client:
             result = await (await Toolboxes().of(client)).run(client, WEIGH)
         assert result.structured_content == asked.result
+
+
+async def test_scenes_with_equal_tools_share_a_toolbox_and_others_do_not() -> None:
+    plain, other, toolboxes = Asked(), Asked(output=None), Toolboxes()
+    boxes: dict[int, Toolbox] = {}
+    for scene, asked in ((7, plain), (201, other), (8, plain), (7, plain), (201, other)):
+        async with asked.client() as client:
+            boxes.setdefault(scene, await toolboxes.of(client, scene))
+            assert await toolboxes.of(client, scene) is boxes[scene]
+    assert (plain.listed, other.listed) == (2, 1)
+    assert boxes[7] is boxes[8]

@@ -1,4 +1,4 @@
-"""Tests of the argument `law` of `answer`: it exists where a scene asks for it, and a refused law costs only the call."""
+"""Tests of the argument `law` of `answer`: it exists where a scene asks for it; a refused law costs only the call."""
 
 import json
 from typing import Any
