@@ -95,7 +95,8 @@ PARAPHRASES = (
 
 _LISTS = frozenset({"objects", "revealed", "included", "excluded", "also_deleted"})
 """Fields of results, and of the scene's resource, that list objects."""
-_ID = re.compile(r"\b(?:object_(?P<number>0|[1-9]\d{0,5})|sample_(?P<letters>[a-z]{1,5}))\b")
+_ID = re.compile(r"\b(?:object_(?P<number>0|[1-9]\d{0,5})|sample_(?P<letters>[a-z]{1,5}))(?=_[a-z]|\b)")
+"""An id, also where it begins a name of a law, such as object_1_vx."""
 _FIRST = 16
 """Offset of the letters, so that object_1 is sample_q."""
 _ROWS = re.compile(r"(?<=\n\|---)((?:\|---)+\|\n)((?:\| .*\n?)+)")

@@ -112,9 +112,9 @@ def steps_block(steps: Sequence[PublicQuantity]) -> list[str]:
 
 LAW_BLOCK = (
     "# Law\n\nIn the argument `law` of `answer` you may also state the law that you believe: the acceleration of each"
-    " object as expressions of time, places, velocities and what you apply. It is graded apart, by what it predicts in"
-    " other situations, and does not change whether your answer is right. A law that cannot be read is refused, and"
-    " then the answer is not given."
+    " object as expressions of time, places, velocities and what you apply, in SI units. It is graded apart, by what it"
+    " predicts in other situations, and does not change whether your answer is right. A law that cannot be read is"
+    " refused, and then the answer is not given."
 )
 """Block on the law that may be stated with the answer, in scenes that ask for one."""
 

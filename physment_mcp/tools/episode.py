@@ -41,14 +41,15 @@ class AnswerArguments(Arguments):
 
 
 _LAW = (
-    "The law that you believe, if you know one: the acceleration of each object, without any rim, wall or stop. It is"
-    " graded apart and does not change whether your answer is right. `acceleration` gives, for each object and each of"
-    " x, y, z [m/s²] and angle [rad/s²], an expression; what is left out is 0. Expressions contain numbers, pi, + - * /"
-    " % ** and brackets, comparisons, `a if c else b`, and, or, not, the functions abs min max sqrt exp log sin cos tan"
-    " asin acos atan atan2 tanh hypot sign floor, and the names t [s]; for each object, such as object_1: object_1_x,"
-    " _y, _z [m], _vx, _vy, _vz [m/s], _angle [rad], _spin [rad/s], the force that you apply to it, object_1_push_x,"
-    " _push_y, _push_z [N], and the torque, object_1_turn_x, _turn_y, _turn_z [N·m]; the names that `let` defines, in"
-    " order; and those of `state`, quantities that remember the past: `start` is the value at the start of the episode,"
+    "The law that you believe, if you know one: the acceleration of each object in SI units, without any rim, wall or"
+    " stop. It is graded apart and does not change whether your answer is right. `acceleration` gives, for each object"
+    " and each of x, y, z (m/s²) and angle (rad/s²), an expression; what is left out is 0. Expressions contain numbers,"
+    " pi, + - * / % ** and brackets, comparisons, `a if c else b`, and, or, not, the functions abs min max sqrt exp log"
+    " sin cos tan asin acos atan atan2 tanh hypot sign floor, and the names t (s); for each object, such as object_1:"
+    " object_1_x, _y, _z (m), _vx, _vy, _vz (m/s), _angle (rad), _spin (rad/s), the force that you apply to it,"
+    " object_1_push_x, _push_y, _push_z (N), and the torque, object_1_turn_x, _turn_y, _turn_z (N·m); the names that"
+    " `let` defines, in order; and those of `state`, quantities that remember the past: `start` is the value at the"
+    " start of the episode,"
     ' `rate` its time derivative. Example: {"acceleration": {"object_1": {"x": "object_1_push_x/m -'
     ' fresh*object_1_vx"}}, "let": {"m": 1.2, "fresh": "exp(-way/3)"}, "state": {"way": {"start": 0, "rate":'
     ' "abs(object_1_vx)"}}}. A law that cannot be read is refused, and the answer is not given.'

@@ -105,6 +105,16 @@ def test_ids_are_exchanged_one_to_one() -> None:
         assert names.text(text) == text
 
 
+def test_the_names_of_a_law_are_those_of_its_objects() -> None:
+    text = "object_1_push_x - 0.4*(object_1_vx - object_12_vx)"
+    law: dict[str, JsonValue] = {"acceleration": {"object_1": {"x": text}}}
+    there, back = Translation((Change.NAMES,)), Translation((Change.NAMES,), inverse=True)
+    told = there.value(law)
+    assert told == {"acceleration": {"sample_q": {"x": "sample_q_push_x - 0.4*(sample_q_vx - sample_ab_vx)"}}}
+    sent = back.reply(Reply(calls=(ToolCall(tool="answer", arguments={"answer": 1, "law": told}),)))
+    assert sent.calls[0].arguments["law"] == law
+
+
 def test_an_agent_that_guesses_the_usual_ids_finds_nothing() -> None:
     names = Translation((Change.NAMES,), inverse=True)
     asked = names.reply(Reply(calls=(ToolCall(tool="get_position", arguments={"object_id": "object_1"}),)))
