@@ -79,7 +79,7 @@ class _Statement:
         return _number(known.place[_AXES.index(quantity)] if quantity in _AXES else 0.0)
 
     def _defined(self, name: str, node: Node) -> Node:
-        """Define an auxiliary quantity, under another name if the name has another meaning; return what stands for it."""
+        """Define an auxiliary quantity, renamed if its name has another meaning; return what stands for it."""
         if _value(node) is not None or node.head == "name":
             return node
         chosen, number = name, 1

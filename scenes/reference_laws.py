@@ -1,9 +1,9 @@
 """Lets the reference protocols of open worlds state their law with the answer.
 
 A pack's `laws` are the possible laws, as expressions of its knobs. The reference infers structure and constants from
-its readings; inserted for the knobs, they give the law that it believes. They are inferred by `solution.FLOOR.inferred`,
-or by the function `inferred` of a file `law.py` beside `solution.py`. This file is not part of the pack's content hash,
-because it decides no key, and no certificate depends on it.
+its readings; inserted for the knobs, they give the law that it believes. They are inferred by the `FLOOR` of
+`solution.py`, or by the function `inferred` of a file `law.py` beside it. This file is not part of the pack's content
+hash, because it decides no key, and no certificate depends on it.
 """
 
 import re
