@@ -105,7 +105,7 @@ export class AnswerBox {
     no.addEventListener("click", () => this.dialog.close());
     this.dialog.replaceChildren(
       element("p", { class: "play-answer" }, shown),
-      element("p", {}, "You can answer once; the answer ends the episode."),
+      element("p", {}, "You can answer once; the answer takes an iteration and ends the episode."),
       element("p", { class: "play-buttons" }, yes, no),
     );
     this.dialog.setAttribute("aria-label", `Answer ${shown}?`);

@@ -115,6 +115,7 @@ export class LabView {
     this.camera.position.copy(centre).addScaledVector(new Vector3(...FORWARD), -found.distance);
     this.camera.near = found.distance / 200;
     this.camera.far = found.distance + found.extent * ENDLESS * 2;
+    this.camera.updateProjectionMatrix();
     this.controls.minDistance = found.distance / 20;
     this.controls.maxDistance = found.distance * 8;
     this.stage.fit(this.drawing, found, this.dark);

@@ -11,7 +11,9 @@ from pathlib import Path
 from typing import Any
 
 import httpx
+import numpy as np
 import pytest
+from PIL import Image
 
 from evaluator.records.episode import Episode, Outcome
 from evaluator.store.run_folder import RunFolder
@@ -249,6 +251,18 @@ def answer_with(page: Page) -> None:
     page.run("[...document.querySelectorAll('#end button')].at(-1).click()")
 
 
+def red_pixels(page: Page, file: Path) -> int:
+    """Pixels of the colour of the ball in a screenshot of the scene, without the axes in its lower left corner."""
+    box = "(({ left, top, right, height }) => [left + 80, top, right, top + height])"
+    corners = page.run(f"{box}(document.querySelector('.lab-view canvas').getBoundingClientRect())")
+    page.picture(file, whole=False)
+    with Image.open(file) as picture:
+        red, green, blue = np.moveaxis(
+            np.asarray(picture.convert("RGB").crop((corners[0], corners[1], corners[2], corners[3])), dtype=int), 2, 0
+        )
+    return int(np.count_nonzero(red > 1.5 * np.maximum(green, blue)))
+
+
 @pytest.mark.skipif(PROGRAM is None, reason="Chromium is not installed")
 def test_a_person_fills_in_a_form_sees_what_came_back_and_answers(tmp_path: Path, host_url: str) -> None:
     assert PROGRAM
@@ -278,3 +292,22 @@ def test_a_person_fills_in_a_form_sees_what_came_back_and_answers(tmp_path: Path
         assert [one for one in page.complaints if "GPU stall" not in one] == []
         assert all(address.startswith(played.address) for address in page.requests)
     assert episode_in(tmp_path).answer == 7.848
+
+
+@pytest.mark.skipif(PROGRAM is None, reason="Chromium is not installed")
+def test_the_ball_is_still_seen_when_the_camera_has_moved_far_back(tmp_path: Path, host_url: str) -> None:
+    assert PROGRAM
+    strong = ("--seed", "5")  # the ball falls 6 m
+    with (
+        playing(tmp_path, host_url, *strong) as played,
+        chromium(PROGRAM, tmp_path / "profile", *SOFTWARE_WEBGL) as page,
+    ):
+        page.look(1280, "light")
+        page.send("Emulation.setEmulatedMedia", features=[{"name": "prefers-reduced-motion", "value": "reduce"}])
+        page.visit(played.address)
+        page.wait("!document.getElementById('run').disabled")
+        page.run(f"({FILL})('duration', '0.8')")
+        page.run("document.getElementById('run').click()")
+        page.wait("document.querySelector('.lab-clock').textContent === '0.800 s'")
+        page.run("new Promise((drawn) => requestAnimationFrame(() => requestAnimationFrame(() => drawn(true))))")
+        assert red_pixels(page, tmp_path / "fallen.png") > 20
