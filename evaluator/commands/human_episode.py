@@ -5,9 +5,11 @@ from collections.abc import Generator
 from dataclasses import dataclass
 from pathlib import Path
 
+from mcp import Client
 from rich.console import Console
 
-from evaluator.agents.browser.player import Ending, PageState
+from evaluator.agents.browser.cards import Ending
+from evaluator.agents.browser.player import BrowserAgent, PageState
 from evaluator.answers.keys import KeyRing
 from evaluator.commands.finishing import report_on
 from evaluator.episode.connect import connect
@@ -15,7 +17,7 @@ from evaluator.episode.loop import play_episode
 from evaluator.episode.player import Agent
 from evaluator.episode.toolbox import Toolboxes, shows_views, view_now
 from evaluator.errors import InfrastructureError, UsageError
-from evaluator.records.episode import Episode, EpisodeKey, Outcome, Verdict
+from evaluator.records.episode import Episode, EpisodeKey, Outcome, Verdict, Versions
 from evaluator.records.run import Plan
 from evaluator.scores.scored_episode import ScoredEpisode
 from evaluator.scores.scoring import grade_run
@@ -23,6 +25,7 @@ from evaluator.store.run_folder import RunFolder
 from evaluator.study.integrity import seal_note
 from evaluator.study.provenance import run_record, server_record
 from scenes import PackFiles
+from scenes.public import read_public
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,13 +59,12 @@ class HumanPlay:
         folder.create(resume=False)
         return PreparedEpisode(files, seed, folder)
 
-    async def play(self, variant: PreparedEpisode, agent: Agent, page: PageState | None = None) -> Episode:
+    async def play(self, variant: PreparedEpisode, player: Agent | PageState) -> Episode:
         """Let the person play. `run.json` is written only if the person took a turn.
 
         Args:
             variant: What is played.
-            agent: Agent that passes on the person's calls.
-            page: State of the web page, which receives the views; None in the terminal. Views are not recorded.
+            player: The agent that passes on the person's calls from the terminal, or the state of the web page.
 
         Raises:
             UsageError: The server cannot be reached.
@@ -70,7 +72,7 @@ class HumanPlay:
         scene, seed = variant.files.scene_id, variant.seed
         key = EpisodeKey(scene=scene, seed=seed, agent="human", budget=self.budget)
         plan = Plan(scenes=(scene,), agents=("human",), budgets=(self.budget,), seeds=(seed,))
-        declared = () if page is None else (shows_views(),)
+        declared = (shows_views(),) if isinstance(player, PageState) else ()
         async with contextlib.AsyncExitStack() as stack:
             laboratory = await stack.enter_async_context(connect(self.server, self.scenes_dir, declared=declared))
             try:
@@ -78,10 +80,10 @@ class HumanPlay:
             except InfrastructureError as error:
                 raise UsageError(str(error)) from error
             record = run_record(plan, [variant.files], await server_record(client, self.server))
-            toolboxes = None if page is None else Toolboxes(look=page.look)
-            if page is not None:
-                page.view = await view_now(client)
-            episode = await play_episode(agent, client, key, record.versions_of(scene), toolboxes)
+            if isinstance(player, PageState):
+                episode = await play_on_page(player, client, key, variant.files, record.versions_of(scene))
+            else:
+                episode = await play_episode(player, client, key, record.versions_of(scene))
         if episode.turns:
             variant.folder.write_run(record)
         return episode
@@ -100,6 +102,25 @@ class HumanPlay:
         self.console.print(f"\n{_verdict(row)}", markup=False, highlight=False)
         self.console.print(f"run folder: {folder.path}   report: {folder.report_file}", highlight=False, soft_wrap=True)
         return Ending(_verdict(row), row.is_correct, row.record.answer_key, episode.answer, folder.report_file)
+
+
+async def play_on_page(
+    page: PageState, client: Client, key: EpisodeKey, files: PackFiles, versions: Versions
+) -> Episode:
+    """Let a person play an episode on a web page. What the page shows besides the results is not recorded.
+
+    Args:
+        page: State of the page.
+        client: A client connected to a fresh session of the scene, which receives views.
+        key: Key of the episode.
+        files: Pack of the scene.
+        versions: Recorded with the episode.
+    """
+    public = read_public(files)
+    limits = {} if public.limits is None else public.limits.model_dump(exclude_none=True)
+    page.rules = {"limits": limits, "steps": [step.model_dump() for step in public.steps]}
+    page.view = await view_now(client)
+    return await play_episode(BrowserAgent(page), client, key, versions, Toolboxes(look=page.look))
 
 
 @contextlib.contextmanager

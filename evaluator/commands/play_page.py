@@ -1,27 +1,21 @@
 """`physment-eval play N --web`: serves the page of a person, who may play further variants after the first one."""
 
 import contextlib
-import functools
-import signal
 import socket
-from collections.abc import Generator, Iterator
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
-import anyio
 import anyio.to_thread
-import uvicorn
 
-from evaluator.agents.browser.app import ABSENT_S, app
-from evaluator.agents.browser.player import BrowserAgent, Ending, PageState
+from evaluator.agents.browser.app import ABSENT_S, app, hash_of
+from evaluator.agents.browser.cards import Ending
+from evaluator.agents.browser.player import PageState
 from evaluator.commands.base import listening, open_page, page_token, run_async
 from evaluator.commands.human_episode import HumanPlay, PreparedEpisode, kept_if_used
+from evaluator.commands.page_server import serving
 from scenes import PackError, PackFiles, is_world, list_packs
 from scenes.public import read_public
-
-_LINGER_S = 1.0
-"""Time for open requests of the page after the last episode [s]."""
-_LEAVING = (signal.SIGINT, signal.SIGTERM)
 
 
 def play_in_browser(play: HumanPlay, first: PreparedEpisode, port: int, *, opens: bool) -> None:
@@ -47,19 +41,8 @@ def play_in_browser(play: HumanPlay, first: PreparedEpisode, port: int, *, opens
 
 async def _serve(listener: socket.socket, token: str, play: HumanPlay, first: PreparedEpisode) -> None:
     page = PageState()
-    config = uvicorn.Config(
-        app(page, token), log_config=None, log_level="warning", lifespan="off", timeout_graceful_shutdown=1
-    )
-    server = _Server(config)
-    async with anyio.create_task_group() as tasks:
-        tasks.start_soon(functools.partial(server.serve, sockets=[listener]))
-        tasks.start_soon(_close_when_signalled, page)
+    async with serving(app({hash_of(token): page}), listener, page.close):
         await _play_all(page, play, first)
-        await anyio.sleep(_LINGER_S)
-        server.should_exit = True
-        # The server ends open requests when it stops; leaving the block ends the wait for signals.
-        await anyio.sleep(0.2)
-        tasks.cancel_scope.cancel()
 
 
 async def _play_all(page: PageState, play: HumanPlay, first: PreparedEpisode) -> None:
@@ -67,11 +50,8 @@ async def _play_all(page: PageState, play: HumanPlay, first: PreparedEpisode) ->
     names = _folders(first.folder.path)
     variant = first
     while True:
-        public = read_public(variant.files)
-        limits = {} if public.limits is None else public.limits.model_dump(exclude_none=True)
-        page.rules = {"limits": limits, "steps": [step.model_dump() for step in public.steps]}
         with kept_if_used(variant.folder):
-            episode = await play.play(variant, BrowserAgent(page), page)
+            episode = await play.play(variant, page)
         ending = await anyio.to_thread.run_sync(play.finish, variant, episode)
         following = _following(variant.files, play.scenes_dir)
         page.end(_with_choices(ending, variant, following))
@@ -107,19 +87,3 @@ def _folders(first: Path) -> Iterator[Path]:
         if not path.exists():
             yield path
         number += 1
-
-
-async def _close_when_signalled(page: PageState) -> None:
-    # Windows event loops do not support signal receivers.
-    with contextlib.suppress(NotImplementedError), anyio.open_signal_receiver(*_LEAVING) as signals:
-        async for _ in signals:
-            page.close()
-
-
-class _Server(uvicorn.Server):
-    """A uvicorn server without signal handlers. The command handles signals, because it first records the episode."""
-
-    @contextlib.contextmanager
-    def capture_signals(self) -> Generator[None]:
-        """Override that installs no handlers."""
-        yield

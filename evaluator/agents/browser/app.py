@@ -1,12 +1,13 @@
-"""The HTTP application of a person who plays in a browser. It accepts connections from this machine only.
+"""The HTTP application of people who play in browsers. It accepts requests from this machine and from its proxy only.
 
-Every path begins with a secret token, which keeps out other users of the machine and other web pages. Each browser page
-identifies itself with a number, and only one page plays at a time: another one may take over, and the first is then
-told. Every refusal is a JSON object with one sentence.
+Every path begins with a secret token, which leads to the state of one person and keeps out everyone else. Each browser
+page identifies itself with a number, and only one page of a person plays at a time: another one may take over, and the
+first is then told. Every refusal is a JSON object with one sentence.
 """
 
+import hashlib
 import time
-from collections.abc import Awaitable, Callable
+from collections.abc import Awaitable, Callable, Collection, Mapping
 from dataclasses import dataclass
 from importlib.resources import files
 from typing import Any
@@ -33,6 +34,9 @@ ABSENT_S = 2 * _POLL_S
 """A page that has sent no request for this long counts as closed [s]."""
 _PAGE_HEADER = "x-physment-page"
 _HEADERS = {"cache-control": "no-store", "referrer-policy": "no-referrer", "x-content-type-options": "nosniff"}
+_LONGEST_NAME = 64
+"""Number of characters that identify a page."""
+_NOTHING = "nothing is here: open the whole address that you were given, with its token"
 _ELSEWHERE = "this episode is open in another window"
 
 
@@ -45,53 +49,58 @@ class _Turn(BaseModel):
     note: str = Field(default="", max_length=MOST_NOTE)
 
 
-def app(page: PageState, token: str) -> Starlette:
+def hash_of(token: str) -> str:
+    """SHA-256 of a token. Looking up the hash takes the same time for every wrong token."""
+    return hashlib.sha256(token.encode()).hexdigest()
+
+
+def app(states: Mapping[str, PageState], also: Collection[str] = ()) -> Starlette:
     """Build the ASGI application.
 
     Args:
-        page: The state that the page shows; it also receives the person's turns.
-        token: First segment of every path.
+        states: SHA-256 of a token → what its page shows, which also receives the person's turns.
+        also: Host names of proxies on this machine.
     """
-    pages = _Pages(page)
+    pages = _Pages(states)
+    acts = (pages.agree, pages.turn, pages.leave, pages.close, pages.next, pages.take_over)
     return Starlette(
         routes=[
-            Route(f"/{token}/", _page),
-            Route(f"/{token}/state", _answered(pages.state)),
-            *(
-                Route(f"/{token}/{name}", _answered(act), methods=["POST"])
-                for name, act in (
-                    ("turn", pages.turn),
-                    ("leave", pages.leave),
-                    ("close", pages.close),
-                    ("next", pages.next),
-                    ("take-over", pages.take_over),
-                )
-            ),
-            Route(f"/{token}/report", _answered(pages.report)),
+            Route("/{token}/", _answered(pages.page)),
+            Route("/{token}/state", _answered(pages.state)),
+            *(Route(f"/{{token}}/{act.__name__.replace('_', '-')}", _answered(act), methods=["POST"]) for act in acts),
+            Route("/{token}/report", _answered(pages.report)),
             Route("/{path:path}", _unknown),
         ],
-        middleware=[Middleware(OnlyHere)],
+        middleware=[Middleware(OnlyHere, also=also)],
     )
 
 
-@dataclass(slots=True)
+@dataclass(frozen=True, slots=True)
 class _Pages:
-    """Request handlers for the one page that is open."""
+    """Request handlers."""
 
-    page: PageState
-    name: str = ""
-    """Number of the open page; empty before the first request."""
+    states: Mapping[str, PageState]
+
+    async def page(self, request: Request) -> Response:
+        """The page itself. Opening it needs no page number."""
+        await anyio.lowlevel.checkpoint()
+        self._of(request)
+        text = (files("evaluator.agents.browser") / "play.html").read_bytes()
+        return Response(text, media_type="text/html; charset=utf-8", headers=_HEADERS)
+
+    async def agree(self, request: Request) -> Response:
+        self._admit(request).agree()
+        return Response(status_code=204)
 
     async def state(self, request: Request) -> Response:
-        self._admit(request)
+        page = self._admit(request)
         after = request.query_params.get("after", "-1")
         known = int(after) if after.isdecimal() and len(after) < 10 else -1
-        await self.page.newer_than(known, _POLL_S)
-        self._admit(request)
-        return JSONResponse(self.page.state())
+        await page.newer_than(known, _POLL_S)
+        return JSONResponse(self._admit(request).state(), headers=_HEADERS)
 
     async def turn(self, request: Request) -> Response:
-        self._admit(request)
+        page = self._admit(request)
         body = b""
         async for part in request.stream():
             body += part
@@ -102,50 +111,59 @@ class _Pages:
         except ValidationError as error:
             first = error.errors(include_url=False)[0]
             raise RefusedRequest(400, f"no iteration: {'.'.join(map(str, first['loc']))} {first['msg']}") from None
-        self.page.take(wanted.calls, wanted.note)
+        page.take(wanted.calls, wanted.note)
         return Response(status_code=204)
 
     async def leave(self, request: Request) -> Response:
-        self._admit(request)
-        self.page.leave()
+        self._admit(request).leave()
         return Response(status_code=204)
 
     async def close(self, request: Request) -> Response:
-        self._admit(request)
-        self.page.close()
+        self._admit(request).close()
         return Response(status_code=204)
 
     async def next(self, request: Request) -> Response:
-        self._admit(request)
-        self.page.choose(request.query_params.get("play", ""))
+        self._admit(request).choose(request.query_params.get("play", ""))
         return Response(status_code=204)
 
     async def take_over(self, request: Request) -> Response:
         """Make this page the open one; the state of the other page is refused from now on."""
-        self.name = ""
-        self._admit(request)
-        self.page.change()
+        self._of(request).window = ""
+        self._admit(request).change()
         return Response(status_code=204)
 
-    async def report(self, _request: Request) -> Response:
+    async def report(self, request: Request) -> Response:
         """The report of the episode, once it is over. Links need no page number."""
         await anyio.lowlevel.checkpoint()
-        ending = self.page.ending
+        ending = self._of(request).ending
         if ending is None or ending.report is None:
             raise RefusedRequest(404, "there is no report before the end of the episode")
         return FileResponse(ending.report, headers=_HEADERS)
 
-    def _admit(self, request: Request) -> None:
+    def _of(self, request: Request) -> PageState:
+        """Return the state that the token of a request leads to.
+
+        Raises:
+            RefusedRequest: Nobody has this token.
+        """
+        page = self.states.get(hash_of(request.path_params["token"]))
+        if page is None:
+            raise RefusedRequest(404, _NOTHING)
+        return page
+
+    def _admit(self, request: Request) -> PageState:
         """Accept requests of the open page; a new page is accepted only if none is open.
 
         Raises:
-            RefusedRequest: Another page is open, or the request does not say which page sent it.
+            RefusedRequest: Nobody has this token, another page is open, or the request does not say which page sent it.
         """
-        name, now = request.headers.get(_PAGE_HEADER, ""), time.monotonic()
-        is_open = self.name and now - self.page.seen_at < ABSENT_S
-        if not name or (is_open and name != self.name):
+        page = self._of(request)
+        name, now = request.headers.get(_PAGE_HEADER, "")[:_LONGEST_NAME], time.monotonic()
+        is_open = page.window and now - page.seen_at < ABSENT_S
+        if not name or (is_open and name != page.window):
             raise RefusedRequest(409, _ELSEWHERE)
-        self.name, self.page.seen_at = name, now
+        page.window, page.seen_at = name, now
+        return page
 
 
 def _answered(answer: Callable[[Request], Awaitable[Response]]) -> Callable[[Request], Awaitable[Response]]:
@@ -160,14 +178,9 @@ def _answered(answer: Callable[[Request], Awaitable[Response]]) -> Callable[[Req
 
 def _refusal(status: int, sentence: str) -> Response:
     content: dict[str, Any] = {"error": sentence}
-    return JSONResponse(content, status_code=status)
-
-
-async def _page(_request: Request) -> Response:
-    text = (files("evaluator.agents.browser") / "play.html").read_bytes()
-    return Response(text, media_type="text/html; charset=utf-8", headers=_HEADERS)
+    return JSONResponse(content, status_code=status, headers=_HEADERS)
 
 
 async def _unknown(_request: Request) -> Response:
     await anyio.lowlevel.checkpoint()
-    return _refusal(404, "nothing is here: open the whole address that `physment-eval play` printed, with its token")
+    return _refusal(404, _NOTHING)

@@ -7,13 +7,12 @@ no HTTP.
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
-from pathlib import Path
 from typing import Any
 
 import anyio
 import mcp_types as types
-from pydantic import JsonValue
 
+from evaluator.agents.browser.cards import Ending, Visitor
 from evaluator.agents.human import Left, refuse_commas
 from evaluator.episode.player import ANSWER, Briefing, Feedback, Reply
 from evaluator.episode.protocols.typed import TypingError
@@ -26,31 +25,19 @@ MOST_CALLS = 50
 """Largest number of calls in one turn."""
 MOST_NOTE = 10_000
 """Largest number of characters in a note."""
+_LEFT = "the person left without an answer"
 _LOOK_S = 5.0
 """Interval at which an ended episode checks whether its page is still open [s]."""
-
-
-@dataclass(frozen=True, slots=True)
-class Ending:
-    """How an episode ended, for the page. Exists only after the episode is over and graded."""
-
-    sentence: str
-    correct: bool | None = None
-    """Whether the answer is right; None if nothing was recorded."""
-    key: JsonValue = None
-    """The answer key; None if nothing was recorded."""
-    answer: JsonValue = None
-    """The accepted answer; None without one."""
-    report: Path | None = None
-    """The report of the episode; None if nothing was recorded."""
-    choices: Mapping[str, str] = field(default_factory=dict[str, str])
-    """Choices for the next episode: `seed` and `scene` → name. Empty if there are none."""
 
 
 @dataclass(slots=True)
 class PageState:
     """State shared by the episode loop and the page: what the person sees, and the turn that the loop waits for."""
 
+    visitor: Visitor | None = None
+    """The person, if the page belongs to a challenge."""
+    window: str = ""
+    """Number of the open page; empty before the first request."""
     briefing: Briefing | None = None
     turns: list[dict[str, Any]] = field(default_factory=list[dict[str, Any]])
     """Results of the turns so far, in order."""
@@ -72,7 +59,9 @@ class PageState:
     """Time of the page's last request on the monotonic clock [s]."""
     _changed: anyio.Event = field(default_factory=anyio.Event)
     _reply: Reply | None = None
-    _gone: bool = False
+    _gone: str = ""
+    """Why the episode ends without an answer; empty while it goes on."""
+    _agreed: anyio.Event = field(default_factory=anyio.Event)
     _turn_begins: bool = True
     """True until a result of the current turn contains a view. The motions of one turn are joined for playback."""
     _replied: anyio.Event = field(default_factory=anyio.Event)
@@ -89,7 +78,15 @@ class PageState:
         ended = None if self.ending is None else self.ending.sentence
         shown = {"turns": self.turns, "left": self.left, "view": self.view, "read": self._read(), "ended": ended}
         about = {"version": self.version, "number": self.number, "waiting": self.waiting, "rules": dict(self.rules)}
-        return {**about, **known, "tools": tools, "scene": scene, **shown, "end": self._end()}
+        person = {"person": self._person()} if self.visitor else {}
+        return {**about, **person, **known, "tools": tools, "scene": scene, **shown, "end": self._end()}
+
+    def _person(self) -> dict[str, Any] | None:
+        visitor = self.visitor
+        if visitor is None:
+            return None
+        left = None if visitor.ends_at is None else max(0.0, visitor.ends_at - time.monotonic())
+        return {"code": visitor.code, "consent": visitor.consent, "agreed": visitor.agreed, "seconds_left": left}
 
     def _read(self) -> dict[str, Reading]:
         """Return the last reading of the place of each object, from the results alone."""
@@ -154,9 +151,21 @@ class PageState:
         self._replied.set()
         self.change()
 
-    def leave(self) -> None:
+    def agree(self) -> None:
+        """Take part in a challenge."""
+        if self.visitor is not None and not self.visitor.agreed:
+            self.visitor.agreed = True
+            self._agreed.set()
+            self.change()
+
+    async def agreement(self) -> None:
+        """Wait until the person agrees, or nothing more is played."""
+        if self.visitor is None or not self.visitor.agreed:
+            await self._agreed.wait()
+
+    def leave(self, reason: str = _LEFT) -> None:
         """End the episode without an answer."""
-        self._gone = True
+        self._gone = reason
         self._replied.set()
 
     def look(self, result: types.CallToolResult) -> None:
@@ -196,11 +205,17 @@ class PageState:
         self._choice = choice
         self._chosen.set()
 
-    def close(self) -> None:
+    def close(self, reason: str = _LEFT) -> None:
         """Leave without an answer if the episode runs, and play nothing afterwards."""
         self._closed = True
         self._chosen.set()
-        self.leave()
+        self._agreed.set()
+        self.leave(reason)
+
+    @property
+    def is_closed(self) -> bool:
+        """Whether nothing more is played."""
+        return self._closed
 
     async def choice(self, absent_s: float) -> str | None:
         """Wait for the choice of what to play next; None if the page was closed.
@@ -216,7 +231,7 @@ class PageState:
     def begin(self) -> None:
         """Forget the last episode, before the next one is opened."""
         self.briefing, self.view, self.ending, self.turns, self.left = None, None, None, [], 0
-        self._choice, self._chosen, self._replied, self._gone = None, anyio.Event(), anyio.Event(), False
+        self._choice, self._chosen, self._replied, self._gone = None, anyio.Event(), anyio.Event(), ""
         self.number += 1
         self.change()
 
@@ -226,12 +241,12 @@ class PageState:
         Raises:
             Left: The person left without an answer.
         """
-        self.waiting = True
+        self.waiting = not self._gone
         self.change()
         await self._replied.wait()
         reply, self._reply, self._replied = self._reply, None, anyio.Event()
         if self._gone or reply is None:
-            raise Left("the person left without an answer")
+            raise Left(self._gone or _LEFT)
         return reply
 
 
