@@ -28,9 +28,11 @@ STAMPS = {
     "evaluator/watch/app.py": {"_look"},
     "evaluator/commands/playing.py": {"create_folder"},
     "evaluator/commands/play.py": {"_play"},
+    "evaluator/commands/challenge_people.py": {"agreed"},
+    "evaluator/commands/challenge_session.py": {"_start_clock"},
 }
 """Module → functions that read the wall clock, each for a stamp: a beginning, an expiry, a name of a folder, or
-how long ago a stamp was, for a page."""
+how long ago a stamp was, for a page or after a restart."""
 WALL = {"time.time", "time.time_ns", "time.localtime", "time.gmtime", "time.ctime", "time.strftime", "datetime.now",
         "datetime.utcnow", "datetime.today", "date.today"}  # fmt: skip
 

@@ -16,7 +16,7 @@ from evaluator.scores.scoring import strict_verdict
 from evaluator.study.run_config import RunConfig
 from evaluator.study.runner import Runner, missing
 from evaluator.study.shards import WHOLE
-from scenes import ErratumEffect, pack_hash
+from scenes import ErratumEffect, PackFiles, pack_hash
 from scenes.folder import ranges
 
 if TYPE_CHECKING:
@@ -54,24 +54,41 @@ def adaptive_config(config: RunConfig, keys: KeyRing) -> tuple[RunConfig, Diffic
         )
     if config.seed_key is not None:
         raise UsageError("--adaptive: the choice of the scenes would tell which answers on held-back seeds are right")
-    file = config.difficulties or DIFFICULTIES
+    packs, table = of_known_difficulty(config.packs, config.difficulties, keys)
+    return replace(config, packs=packs), table
+
+
+def of_known_difficulty(
+    packs: Sequence[PackFiles], difficulties: Path | None, keys: KeyRing
+) -> tuple[tuple[PackFiles, ...], DifficultyTable]:
+    """Return the packs whose difficulty is known, and the difficulties. Prints which scenes are left out.
+
+    Args:
+        packs: The packs that were asked for.
+        difficulties: File of the difficulties; None for the one that ships.
+        keys: Answer keys, which know withdrawn packs.
+
+    Raises:
+        UsageError: No scene has a known difficulty, or the file cannot be read.
+    """
+    file = difficulties or DIFFICULTIES
     table = read_difficulties(file)
-    packs = tuple(
+    known = tuple(
         files
-        for files in config.packs
+        for files in packs
         if table.holds(files)
         and not ((entry := keys.erratum(pack_hash(files))) and entry.effect is ErratumEffect.WITHDRAWN)
     )
-    if not packs:
+    if not known:
         raise UsageError(f"--adaptive: no scene of this run is in {file} with the pack that is here")
-    left_out = sorted({files.scene_id for files in config.packs} - {files.scene_id for files in packs})
+    left_out = sorted({files.scene_id for files in packs} - {files.scene_id for files in known})
     if left_out:
         print(
             f"physment-eval: left out, because their difficulty is not known, or their pack has changed or is"
             f" withdrawn: scenes {ranges(left_out)}",
             file=sys.stderr,
         )
-    return replace(config, packs=packs), table
+    return known, table
 
 
 @dataclass(slots=True)

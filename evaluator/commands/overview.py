@@ -58,6 +58,7 @@ COMMANDS: dict[str, tuple[str, str]] = {
     "referee": ("referee", "open episodes for a trainer, and give each a reward"),
     "harbor": ("", "write variants as tasks of Harbor, and grade what was played there (plugin physment-harbor)"),
     "play": ("play", "solve a scene yourself"),
+    "challenge": ("challenge", "let a class or the people of a study solve scenes at once"),
     "verify": ("verify", "prove scenes sound"),
     "lint": ("verify", "say what is wrong with scenes, unrun"),
     "scenes": ("scenes", "list, show, start or document scenes"),

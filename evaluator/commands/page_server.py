@@ -10,14 +10,16 @@ import anyio
 import uvicorn
 from starlette.types import ASGIApp
 
-_LINGER_S = 1.0
-"""Time for open requests of the pages after the last episode [s]."""
 _LEAVING = (signal.SIGINT, signal.SIGTERM)
 
 
 @contextlib.asynccontextmanager
 async def serving(
-    application: ASGIApp, listener: socket.socket, close: Callable[[], object], most: int | None = None
+    application: ASGIApp,
+    listener: socket.socket,
+    close: Callable[[], object],
+    linger_s: float = 1.0,
+    most: int | None = None,
 ) -> AsyncGenerator[None]:
     """Serve an application while the block runs.
 
@@ -25,6 +27,7 @@ async def serving(
         application: The ASGI application.
         listener: The listening socket.
         close: Called at Ctrl-C and SIGTERM; it lets the block end.
+        linger_s: Time for open requests of the pages after the block [s].
         most: Largest number of connections; further ones get status 503. None for no limit.
     """
     config = uvicorn.Config(
@@ -41,7 +44,7 @@ async def serving(
         tasks.start_soon(functools.partial(server.serve, sockets=[listener]))
         tasks.start_soon(_call_when_signalled, close)
         yield
-        await anyio.sleep(_LINGER_S)
+        await anyio.sleep(linger_s)
         server.should_exit = True
         # The server ends open requests when it stops; leaving the block ends the wait for signals.
         await anyio.sleep(0.2)

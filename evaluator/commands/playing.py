@@ -4,7 +4,7 @@ import contextlib
 import functools
 import os
 import sys
-from collections.abc import AsyncGenerator, Mapping, Sequence
+from collections.abc import AsyncGenerator, Mapping
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
@@ -27,12 +27,12 @@ from evaluator.store.redaction import Redaction
 from evaluator.store.run_folder import RunFolder
 from evaluator.study.integrity import Sealing
 from evaluator.study.process_executor import process_workers, usual_workers
-from evaluator.study.provenance import played_worlds, run_record, server_record, worlds_difference
+from evaluator.study.provenance import continued, played_worlds, run_record, server_record
 from evaluator.study.ray_executor import ray_workers
 from evaluator.study.run_config import Meter, RunConfig
 from evaluator.study.runner import LocalPlay, Play, Runner, missing
 from evaluator.study.shards import WHOLE
-from scenes import ErratumEffect, PackFiles, same_packs
+from scenes import ErratumEffect
 
 
 @dataclass(frozen=True, slots=True)
@@ -132,7 +132,7 @@ async def _play_missing(run: PreparedRun) -> str:
                 note = f"episodes of scene {entry.scene} will be unscored, because its pack is withdrawn: {entry.fault}"
                 print(f"physment-eval: {note}", file=sys.stderr)
         play = await stack.enter_async_context(_executor(run, laboratory, record))
-        folder.write_run(_continued(folder, record, config.packs))
+        folder.write_run(continued(folder, record, config.packs))
         stack.callback(_seal, folder, sealing, run.console)
         done = folder.episodes()
         run.meter.add_all(episode.usage for episode in done.values())
@@ -192,25 +192,3 @@ async def _executor(run: PreparedRun, laboratory: EpisodeConnector, record: RunR
     start = ray_workers if config.executor == "ray" else functools.partial(process_workers, count=count)
     async with start(config, run.participants, record) as play:
         yield play
-
-
-def _continued(folder: RunFolder, record: RunRecord, packs: Sequence[PackFiles]) -> RunRecord:
-    """The record to write: the given one for a new run, or the stored one with this start added.
-
-    Raises:
-        UsageError: The stored run has another plan, agents, packs or shard, so the results could not be combined.
-    """
-    if not folder.run_file.exists():
-        return record
-    stored = folder.read_run()
-    if same_packs(stored.packs, packs):
-        record = record.model_copy(update={"packs": stored.packs})
-    name = stored.difference(record) or ("shard" if stored.shard != record.shard else "")
-    if name == "worlds":
-        clause = worlds_difference(stored.worlds, record.worlds)
-        raise UsageError(f"{clause}: --resume needs the same, so name their folder by --scenes-dir, or another --out")
-    if name:
-        raise UsageError(
-            f"{folder.path} holds a run with other {name}; --resume needs the same, or choose another --out"
-        )
-    return stored.model_copy(update={"resumed": (*stored.resumed, record.start())})

@@ -167,6 +167,18 @@ class RunFolder:
         lines = self.episode_lines()
         return {Episode.model_validate_json(line).key: hashlib.sha256(line).hexdigest() for line in lines}
 
+    def keep_episodes(self, is_kept: Callable[[EpisodeKey], bool]) -> int:
+        """Delete the records of all other episodes, and return how many lines were deleted.
+
+        Raises:
+            StoreError: A record is damaged, or the file cannot be written.
+        """
+        stored = self._read(self.episodes_file, Episode)
+        kept = [line for line, episode in zip(self.episode_lines(), stored, strict=True) if is_kept(episode.key)]
+        if self.episodes_file.exists():
+            durable.replace(self.episodes_file, b"".join(line + b"\n" for line in kept))
+        return len(stored) - len(kept)
+
     def read_seal(self) -> Seal | None:
         """The seal of the episodes; None if there is none.
 

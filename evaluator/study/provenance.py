@@ -14,6 +14,7 @@ from pydantic import JsonValue
 
 from evaluator.errors import UsageError
 from evaluator.records.run import Plan, PlayedWorld, RunRecord, ServerRecord
+from evaluator.store.run_folder import RunFolder
 from scenes import (
     PackError,
     PackFiles,
@@ -26,6 +27,7 @@ from scenes import (
     place_of,
     reference_of,
     same_pack,
+    same_packs,
 )
 
 
@@ -202,3 +204,25 @@ def _git_revision() -> str | None:
     except (OSError, subprocess.SubprocessError):
         return None
     return done.stdout.strip()
+
+
+def continued(folder: RunFolder, record: RunRecord, packs: Sequence[PackFiles]) -> RunRecord:
+    """The record to write: the given one for a new run, or the stored one with this start added.
+
+    Raises:
+        UsageError: The stored run has another plan, agents, packs or shard, so the results could not be combined.
+    """
+    if not folder.run_file.exists():
+        return record
+    stored = folder.read_run()
+    if same_packs(stored.packs, packs):
+        record = record.model_copy(update={"packs": stored.packs})
+    name = stored.difference(record) or ("shard" if stored.shard != record.shard else "")
+    if name == "worlds":
+        clause = worlds_difference(stored.worlds, record.worlds)
+        raise UsageError(f"{clause}: --resume needs the same, so name their folder by --scenes-dir, or another --out")
+    if name:
+        raise UsageError(
+            f"{folder.path} holds a run with other {name}; --resume needs the same, or choose another --out"
+        )
+    return stored.model_copy(update={"resumed": (*stored.resumed, record.start())})

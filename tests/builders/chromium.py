@@ -1,10 +1,12 @@
 """Drives a page in headless Chromium through the DevTools protocol, as a user would: read, click, type."""
 
 import base64
+import contextlib
 import itertools
 import json
 import shutil
 import subprocess
+import time
 from collections.abc import Generator
 from contextlib import contextmanager
 from pathlib import Path
@@ -27,7 +29,13 @@ FLAGS = (
 )
 SOFTWARE_WEBGL = ("--use-angle=swiftshader", "--enable-unsafe-swiftshader")
 """Flags with which WebGL draws without a graphics card."""
+_NEVER_S = 120
+"""Wall time after which a condition counts as never true [s]."""
 KEYS = {"Tab": 9, "Enter": 13, "End": 35, "Home": 36, "ArrowUp": 38, "ArrowDown": 40}
+
+
+class Navigated(Exception):
+    """The page was replaced by another one while it evaluated an expression."""
 
 
 class Page:
@@ -48,6 +56,8 @@ class Page:
         while True:
             message = json.loads(self._socket.recv(timeout=300))
             if message.get("id") == number:
+                if "navigated" in message.get("error", {}).get("message", ""):
+                    raise Navigated(method)
                 assert "error" not in message, message
                 return message["result"]
             self._note(message)
@@ -83,11 +93,16 @@ class Page:
         return found["result"].get("value")
 
     def wait(self, condition: str) -> None:
-        """Wait until a JavaScript expression is true; it is evaluated in every animation frame."""
-        for _ in range(200):
-            if self.run(condition):
-                return
-            self.run("new Promise((done) => setTimeout(done, 50))")
+        """Wait until a JavaScript expression is true, also in a page that loads in the meantime.
+
+        A busy machine may need long; only an expression that stays false for `_NEVER_S` fails.
+        """
+        ends = time.monotonic() + _NEVER_S
+        while time.monotonic() < ends:
+            with contextlib.suppress(Navigated):
+                if self.run(condition):
+                    return
+                self.run("new Promise((done) => setTimeout(done, 50))")
         raise AssertionError(f"never came true: {condition}")
 
     def press(self, key: str) -> None:

@@ -10,11 +10,11 @@ import { close, playNext, type State } from "./talk.js";
  * @param state - An episode that is over.
  * @param say - Tells what is wrong.
  */
-export function endCard({ ended, end, scene }: State, say: (sentence: string) => void): HTMLElement[] {
+export function endCard({ ended, end, scene, person }: State, say: (sentence: string) => void): HTMLElement[] {
   const unit = typeof scene.answer?.unit === "string" && scene.answer.unit !== "1" ? ` ${scene.answer.unit}` : "";
   const mark = end?.correct === true ? "✓ " : end?.correct === false ? "✗ " : "";
   const shown: HTMLElement[] = [element("h2", {}, `${mark}${ended ?? ""}`)];
-  if (end && end.correct !== null) {
+  if (end && end.key !== null) {
     const rows = [
       ["Key", `${shortened(end.key)}${unit}`],
       ["Your answer", end.answer === null ? "none" : `${shortened(end.answer)}${unit}`],
@@ -25,7 +25,7 @@ export function endCard({ ended, end, scene }: State, say: (sentence: string) =>
     action(`Play ${name}`, () => playNext(choice), say),
   );
   if (end?.report) buttons.unshift(element("a", { href: "report", target: "_blank", rel: "noopener" }, "Report"));
-  buttons.push(action("Close the laboratory", close, say));
+  if (!person) buttons.push(action("Close the laboratory", close, say));
   shown.push(element("p", { class: "play-buttons" }, ...buttons));
   return shown;
 }

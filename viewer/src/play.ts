@@ -12,6 +12,7 @@ import { LabPanel } from "./panel.js";
 import { changedOf, latestOf, seriesOf } from "./readings.js";
 import { lastResults, logRows } from "./results.js";
 import { type Call, Elsewhere, type Exchange, leave, type State, stateAfter, take, takeOver } from "./talk.js";
+import { VisitorCard } from "./visitor.js";
 
 /** Largest number of plots. */
 const MOST_PLOTS = 6;
@@ -25,6 +26,7 @@ let state: State | null = null;
 const panel = new LabPanel(by("lab"), { dark: dark.matches, reducedMotion, readings });
 const bench = new Bench({ run, say });
 const answer = new AnswerBox((call) => take([call], note.value.trim()));
+const visitor = new VisitorCard(by("consent"), by("clock"), (sentence) => (by("budget").textContent = sentence));
 by("bench").append(bench.element);
 by("answers").append(answer.element);
 
@@ -100,12 +102,15 @@ function show(next: State): void {
   state = next;
   if (!before?.prompt && next.prompt) showTask(next);
   const isOpen = next.waiting && next.ended === null;
+  if (next.person) visitor.show(next.person, next.ended !== null);
+  // There is nothing to do before the consent, and nothing to see if the time ended without an episode.
+  document.body.classList.toggle("play-waits", next.person !== undefined && !next.prompt);
   bench.update(next, objects());
   answer.open(isOpen);
   leaving.disabled = !isOpen;
   by("budget").textContent =
     next.ended ??
-    (next.budget === undefined ? "opening …" : `${next.left} of ${next.budget} iterations left${isOpen ? "" : " · running …"}`);
+    (next.person?.agreed === false ? "" : next.budget === undefined ? "opening …" : `${next.left} of ${next.budget} iterations left${isOpen ? "" : " · running …"}`);
   if (next.view && JSON.stringify(next.view) !== JSON.stringify(before?.view ?? null)) panel.show(next.view);
   panel.refresh(next.read);
   if (before?.turns.length !== next.turns.length) showMeasured(next);
@@ -134,7 +139,7 @@ async function follow(): Promise<void> {
     } catch (failure) {
       shut();
       by("elsewhere").hidden = !(failure instanceof Elsewhere);
-      if (failure instanceof TypeError) by("budget").textContent = `${state?.ended ?? ""} The command has ended.`.trim();
+      if (failure instanceof TypeError) by("budget").textContent = `${state?.ended ?? ""} ${state?.person ? "This page is closed." : "The command has ended."}`.trim();
       else if (!(failure instanceof Elsewhere)) say((failure as Error).message);
       return;
     }

@@ -74,7 +74,18 @@ export interface Scene {
   answer?: AnswerForm | null;
 }
 
+/** Who takes part in a challenge. */
+export interface Person {
+  code: string;
+  consent: string;
+  agreed: boolean;
+  /** null without a limit, and before the consent. */
+  seconds_left: number | null;
+}
+
 export interface State {
+  /** Absent outside of challenges. */
+  person?: Person;
   version: number;
   /** Number of the episode on this page. */
   number: number;
@@ -116,6 +127,11 @@ export async function stateAfter(version: number): Promise<State> {
 /** Make the calls of an iteration; throws the sentence of a refusal. */
 export async function take(calls: Call[], note: string): Promise<void> {
   await ask("turn", { method: "POST", body: JSON.stringify({ calls, note }) });
+}
+
+/** Agree to take part in a challenge. */
+export async function agree(): Promise<void> {
+  await ask("agree", { method: "POST" });
 }
 
 /** Leave without an answer; the episode ends. */

@@ -1,0 +1,189 @@
+"""A challenge while it runs: everyone plays at their own pace, on one episode server, into one run folder."""
+
+import math
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from datetime import UTC, datetime
+
+import anyio
+import anyio.to_thread
+from rich.console import Console
+
+from evaluator.agents.browser.cards import Ending, Visitor
+from evaluator.agents.browser.player import PageState
+from evaluator.answers.keys import KeyRing
+from evaluator.calibration.adaptive import AdaptiveTest, DifficultyTable
+from evaluator.commands.challenge_people import Challenge, Person, agreed, write_challenge
+from evaluator.commands.human_episode import play_on_page
+from evaluator.episode.connect import EpisodeConnector
+from evaluator.errors import InfrastructureError
+from evaluator.records.episode import Choice, Episode, EpisodeKey, Verdict
+from evaluator.records.run import RunRecord
+from evaluator.scores.scoring import strict_verdict
+from evaluator.store.run_folder import RunFolder
+from scenes import PackFiles, reference_of
+
+AGENT = "human"
+"""Name of the agent in the records: that of every person who plays."""
+TIME_OVER, ENDED = "the time was over", "the challenge was ended"
+"""Why an episode ended without an answer, besides the person's own decision."""
+
+Next = tuple[EpisodeKey, Choice | None]
+
+
+@dataclass(slots=True)
+class Course:
+    """The episodes that a person has still to play: a list, or an adaptive test."""
+
+    waiting: list[EpisodeKey]
+    test: AdaptiveTest | None = None
+    """Chooses from `waiting`, which it shares; None to play them in order."""
+
+    def following(self) -> Next | None:
+        """Take the next episode; None if there is none."""
+        if self.test is not None:
+            return next(iter(self.test.choose(1)), None)
+        return (self.waiting.pop(0), None) if self.waiting else None
+
+    def add(self, key: EpisodeKey, verdict: Verdict) -> None:
+        """Count an episode that has been played."""
+        if self.test is not None and verdict is not Verdict.UNSCORED:
+            self.test.add(key, is_right=verdict is Verdict.CORRECT)
+
+
+def course_of(
+    keys: Sequence[EpisodeKey], done: Mapping[EpisodeKey, Verdict], table: DifficultyTable | None, se: float | None
+) -> Course:
+    """Return what a person has still to play.
+
+    Args:
+        keys: All episodes that the person may play.
+        done: Verdicts on those that are played.
+        table: Difficulties for an adaptive test; None for a list.
+        se: Standard error at which the test ends [logits].
+    """
+    waiting = [key for key in keys if key not in done]
+    if table is None or se is None:
+        return Course(waiting)
+    course = Course(waiting, AdaptiveTest(f"{AGENT} {keys[0].epoch}", table.difficulties, se, waiting))
+    for key, verdict in done.items():
+        course.add(key, verdict)
+    return course
+
+
+@dataclass(slots=True)
+class Session:
+    """A running challenge."""
+
+    folder: RunFolder
+    challenge: Challenge
+    record: RunRecord
+    packs: Mapping[int, PackFiles]
+    keys: KeyRing
+    console: Console
+    pages: dict[int, PageState] = field(default_factory=dict[int, PageState])
+    """Number of a person → what their page shows."""
+    _writing: anyio.Lock = field(default_factory=anyio.Lock)
+
+    def page_of(self, person: Person) -> PageState:
+        """Create the page of a person."""
+        code = self.challenge.code(person.number)
+        visitor = Visitor(code, self.challenge.consent(person.number), agreed=person.agreed_at is not None)
+        page = self.pages[person.number] = PageState(visitor=visitor)
+        return page
+
+    def end(self) -> None:
+        """Let all episodes end; nothing more is played."""
+        for page in self.pages.values():
+            page.close(ENDED)
+
+    async def attend(self, person: Person, course: Course, laboratory: EpisodeConnector) -> None:
+        """Let a person agree and play, until there is nothing more to play or their time is over."""
+        page = self.pages[person.number]
+        assert page.visitor is not None
+        await page.agreement()
+        if page.visitor.agreed:
+            self._start_clock(person, page.visitor)
+            async with anyio.create_task_group() as tasks:
+                tasks.start_soon(_end_in_time, page, page.visitor.ends_at)
+                await self._play_all(page, course, laboratory)
+                tasks.cancel_scope.cancel()
+        page.end(Ending(self._farewell(page, page.visitor)))
+        self.console.print(f"{page.visitor.code}: has finished", highlight=False)
+
+    def _start_clock(self, person: Person, visitor: Visitor) -> None:
+        """Note the consent, and set the end of the person's time. A restart of the command does not extend it."""
+        spent_s = 0.0
+        if person.agreed_at is None:
+            self.challenge = self.challenge.changed(agreed(person))
+            write_challenge(self.folder, self.challenge)
+        else:
+            spent_s = (datetime.now(UTC) - datetime.fromisoformat(person.agreed_at)).total_seconds()
+        if self.challenge.minutes is not None:
+            visitor.ends_at = time.monotonic() + 60 * self.challenge.minutes - spent_s
+
+    async def _play_all(self, page: PageState, course: Course, laboratory: EpisodeConnector) -> None:
+        upcoming = course.following()
+        while upcoming is not None and not page.is_closed:
+            key, choice = upcoming
+            try:
+                ending = await self._played(page, key, choice, course, laboratory)
+                upcoming = course.following()
+                choices = {} if upcoming is None else {"next": "the next scene"}
+            except InfrastructureError as error:
+                self.console.print(f"scene {reference_of(key.scene)}: {error}", highlight=False, markup=False)
+                ending = Ending("The laboratory failed, and this scene is not recorded.")
+                choices = {"next": "this scene again"}
+            if page.is_closed or not choices:
+                return
+            page.end(Ending(ending.sentence, ending.correct, choices=choices))
+            await page.choice(math.inf)
+            if not page.is_closed:
+                page.begin()
+
+    async def _played(
+        self, page: PageState, key: EpisodeKey, choice: Choice | None, course: Course, laboratory: EpisodeConnector
+    ) -> Ending:
+        """Play and record an episode. One that the organiser or the clock ended before its first turn is not recorded.
+
+        Raises:
+            InfrastructureError: The laboratory failed.
+        """
+        async with laboratory.open(key.scene, key.seed) as client:
+            versions = self.record.versions_of(key.scene)
+            episode = await play_on_page(page, client, key, self.packs[key.scene], versions)
+        if page.is_closed and not episode.turns:
+            return Ending(ENDED)
+        async with self._writing:
+            await anyio.to_thread.run_sync(
+                self.folder.append_episode, episode.model_copy(update={"chosen": choice}), abandon_on_cancel=False
+            )
+        verdict = strict_verdict(episode, self.keys)
+        course.add(key, verdict)
+        assert page.visitor is not None
+        said = f"{page.visitor.code}: scene {reference_of(key.scene)}, {episode.outcome.replace('_', ' ')}"
+        self.console.print(said, highlight=False, markup=False)
+        return self._ending(episode, verdict)
+
+    def _ending(self, episode: Episode, verdict: Verdict) -> Ending:
+        if not self.challenge.feedback or verdict is Verdict.UNSCORED:
+            answered = episode.answer is not None
+            return Ending("Your answer is recorded." if answered else "This scene is over without an answer.")
+        spent = f"{len(episode.turns)} of {episode.key.budget} iteration{'s' * (episode.key.budget != 1)}"
+        is_right = verdict is Verdict.CORRECT
+        return Ending(f"{'Correct' if is_right else 'Not correct'}, in {spent}.", is_right)
+
+    def _farewell(self, page: PageState, visitor: Visitor) -> str:
+        is_late = visitor.ends_at is not None and time.monotonic() >= visitor.ends_at
+        said = "The time is over." if is_late else "The challenge has ended." if page.is_closed else "That was all."
+        if not visitor.agreed:
+            return said
+        asks = f"To have your data deleted, give your code, {visitor.code}, to {self.challenge.organiser}."
+        return f"{said} Thank you. {asks}"
+
+
+async def _end_in_time(page: PageState, ends_at: float | None) -> None:
+    """End the person's episode when their time is over, and let them play no further one."""
+    await anyio.sleep(math.inf if ends_at is None else max(0.0, ends_at - time.monotonic()))
+    page.close(TIME_OVER)
