@@ -42,8 +42,8 @@ MATTERS = 3.0
 IDENTIFIABLE = 0.35
 """Largest allowed standard error of an answer, in tolerances."""
 _LEAST_LOOKS, _MOST_NOISE = 12, 0.05
-_QUICK_S, _FINE_S = 0.12, 0.01
-"""Longest steps of the integration of candidates and of keys [s]."""
+_QUICK_S, _CHOICE_S, _FINE_S = 0.12, 0.06, 0.01
+"""Longest steps of the integration of candidates, of those from which questions are chosen, and of keys [s]."""
 _REDRAWN = 8
 _SENSITIVE = 1.0
 """Largest distance of two integrations of the course, in standard deviations of the readings."""
@@ -114,7 +114,7 @@ class Maker:
         if len(worth) < ASKED:
             raise Refused("three questions miss a part")
         asked, matter = [asked[number] for number in worth], matter[:, worth]
-        information = _Information(structure, constants, told, asked)
+        information = _Information(structure, constants, told, asked, _CHOICE_S)
         spread = information.spread(told.looks)
         chosen = _chosen(asked, matter & (spread < IDENTIFIABLE), spread)
         told = information.tightened(self.difficulty.bound, chosen)
@@ -195,7 +195,12 @@ class _Information:
     """Information of a course about the answers. Source: Cramér-Rao bound."""
 
     def __init__(
-        self, structure: Structure, constants: Mapping[str, float], told: Situation, asked: Sequence[Question]
+        self,
+        structure: Structure,
+        constants: Mapping[str, float],
+        told: Situation,
+        asked: Sequence[Question],
+        longest_s: float = 0.03,
     ) -> None:
         laws, course = laws_of_fit(structure, told), simulated(structure, constants, told, None)
         unit = on_unit(laws, constants)
@@ -204,7 +209,7 @@ class _Information:
         self._told = told
         self._slope: Array = (misfits[:, 1:] - misfits[:, :1]) / _SHIFT
         self._prior: Array = self._slope[course.readings.size :]
-        found, self._gradient = gradients(structure, laws.constants(structure.label, around), _SHIFT, asked, 0.03)
+        found, self._gradient = gradients(structure, laws.constants(structure.label, around), _SHIFT, asked, longest_s)
         self._tolerance = tolerance(found)
 
     def spread(self, looks: int) -> Array:

@@ -28,8 +28,10 @@ _STEPS = 10
 """Largest number of iterations within a bracket."""
 _HELD_S = 0.1
 """Longest integration step while bodies are held [s]; hidden bodies then move smoothly."""
+_ROOT_S = 0.06
+"""Integration step above which linear interpolation between two forces is accurate enough [s]."""
 _ROUGH_S = 0.05
-"""Integration step from which on linear interpolation between two forces is accurate enough [s]."""
+"""Integration step with which a force is first found if it is needed precisely [s]."""
 _FINE_S = 0.02
 """Integration step below which a force is first found with steps of `_ROUGH_S` [s]."""
 _LEAST_SPEED = 1e-3
@@ -155,7 +157,7 @@ def _answers(
     found[numbers] = ends[: len(numbers)]
     if pushed:
         values = ends[len(numbers) :].reshape(grid.shape)
-        root = crossing(beyond, grid, values, longest_s**4, _STEPS if longest_s < _ROUGH_S else 0)
+        root = crossing(beyond, grid, values, longest_s**4, _STEPS if longest_s <= _ROOT_S else 0)
         found[forces] = root.reshape(len(forces), trials)
     return found
 

@@ -61,6 +61,13 @@ class Fit:
         return self.unit[: self.structure.bodies]
 
 
+def expected_score(fit: Fit) -> float:
+    """Return the score that a fit would have if its misfits were linear in its constants."""
+    rows = len(fit.misfits)
+    basis = np.linalg.qr(fit.slope[:rows])[0]
+    return fit.score - float(((basis.T @ fit.misfits) ** 2).sum())
+
+
 def score_of(structure: Structure, misfits: Array, slope: Array) -> float:
     """Return minus twice the log evidence of a structure (Laplace approximation), up to a constant."""
     count = sum(1 + len(term.modulations) for term in structure.terms)
@@ -100,9 +107,12 @@ class Candidates:
 
     def more(self, node: Fit, barred: frozenset[str], most: int) -> list[tuple[Structure, Array]]:
         """Return the structures with one more term or modulation that have the highest scores."""
+        return [(structure, unit) for _, structure, unit in self.offers(node, barred)[:most]]
+
+    def offers(self, node: Fit, barred: frozenset[str]) -> list[tuple[float, Structure, Array]]:
+        """Return the structures with one more term or modulation, each after its score; the highest comes first."""
         offers = [*self._terms(node, barred), *self._modulations(node, barred)]
-        offers.sort(key=lambda offer: -offer[0])
-        return [(structure, unit) for _, structure, unit in offers[:most]]
+        return sorted(offers, key=lambda offer: -offer[0])
 
     def _terms(self, node: Fit, barred: frozenset[str]) -> Iterator[tuple[float, Structure, Array]]:
         """Return terms to add, with their scores."""

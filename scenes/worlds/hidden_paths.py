@@ -1,6 +1,7 @@
 """The motion of the hidden body of a term along a given path of the visible bodies."""
 
 import functools
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -10,6 +11,8 @@ import numpy as np
 from scenes.fitting import Array
 from scenes.worlds.equations import hidden_rates_of, rates_of
 from scenes.worlds.terms import Structure
+
+_WORD = re.compile(r"[A-Za-z_]\w*")
 
 
 @dataclass(frozen=True)
@@ -38,9 +41,20 @@ def hidden_states(alone: Structure, constants: Mapping[str, Any], trials: int, s
         trials: Number of trials.
         sampled: The path.
     """
-    if _is_linear(alone):
-        return _linear(alone, constants, trials, sampled)
-    return _step_by_step(alone, constants, trials, sampled)
+    names = _constants_of_hidden(alone)
+    values = np.array([np.broadcast_to(constants[name], (trials,)) for name in names]).reshape(len(names), trials)
+    # Most trials differ only in constants that do not matter to the hidden body.
+    different, place = np.unique(values, axis=1, return_inverse=True)
+    own: dict[str, Any] = dict.fromkeys(alone.ranges, 1.0) | dict(zip(names, different, strict=True))
+    found = (_linear if _is_linear(alone) else _step_by_step)(alone, own, different.shape[1], sampled)
+    return found[:, :, place.ravel()]
+
+
+@functools.lru_cache(64)
+def _constants_of_hidden(alone: Structure) -> tuple[str, ...]:
+    """Return the names of the constants in the equations of the hidden body."""
+    words = {word for text in alone.terms[0].hidden_at(0) for word in _WORD.findall(text)}
+    return tuple(name for name in alone.ranges if name in words)
 
 
 def _step_by_step(alone: Structure, constants: Mapping[str, Any], trials: int, sampled: SampledPath) -> Array:

@@ -13,7 +13,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from scenes.fitting import Array, refined
-from scenes.worlds.candidates import PART, Candidates, Fit, changed, plainer, score_of
+from scenes.worlds.candidates import PART, Candidates, Fit, changed, expected_score, plainer, score_of
 from scenes.worlds.catalogue import forms_of, modulations_of
 from scenes.worlds.parts import Form, Modulation
 from scenes.worlds.terms import Structure
@@ -23,6 +23,8 @@ _ROUNDS = 8
 _SHIFT = 1e-4
 _OFFERS, _SWAPPED = 10, 6
 """Number of terms to add that are fitted, and number of terms that are tried in place of one."""
+_FITTED, _ENOUGH = 16, 5
+"""Number of neighbours of a structure that are fitted, and number after which a better one ends the expansion."""
 _AGREED, _BARRED, _NARROW = 6, 0.6, 2
 """Number of restarts without a change after which the search ends; share of the forms that a restart excludes; beam
 width of a restart."""
@@ -137,8 +139,8 @@ class Search:
             if node is None:
                 return
             expanded.add(node.structure)
-            for structure, unit in self.neighbours(node, barred):
-                if self.over:
+            for number, (structure, unit) in enumerate(self._promising(node, barred)):
+                if self.over or (number >= _ENOUGH and min(map(_score, pool.values())) < node.score - PART):
                     break
                 known = self.found.get(structure)
                 if known is None or structure == node.structure:  # perhaps it fits better from there
@@ -208,6 +210,23 @@ class Search:
         self.found = {}
         for fit in best:
             self.fit(fit.structure, fit.unit, 4)
+
+    def _promising(self, node: Fit, barred: frozenset[str]) -> list[tuple[Structure, Array]]:
+        """Return the neighbours with the best expected scores, the best first."""
+        parts = node.parts()
+        found = [(node.score - gain, *more) for gain, *more in self._candidates.offers(node, barred)[:_OFFERS]]
+        for at, (term, unit) in enumerate(parts):
+            rest = parts[:at] + parts[at + 1 :]
+            for number in range(len(term.modulations)):
+                less = self._fitted(*changed(node, [*rest, plainer(term, unit, number)]))
+                found.append((expected_score(less), less.structure, less.unit))
+            less = self._fitted(*changed(node, rest))
+            score = expected_score(less)
+            found.append((score, less.structure, less.unit))
+            found += [(score - gain, *more) for gain, *more in self._candidates.offers(less, barred)[:_SWAPPED]]
+        found.sort(key=lambda offer: offer[0])
+        different = {structure: unit for _, structure, unit in reversed(found) if structure != node.structure}
+        return list(reversed(different.items()))[:_FITTED]
 
     def neighbours(self, node: Fit, barred: frozenset[str] = frozenset()) -> Iterator[tuple[Structure, Array]]:
         """Return structures with a part added, removed or replaced, each with initial constants."""
