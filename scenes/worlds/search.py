@@ -139,7 +139,7 @@ class Search:
             if node is None:
                 return
             expanded.add(node.structure)
-            for number, (structure, unit) in enumerate(self._promising(node, barred)):
+            for number, (structure, unit) in enumerate(self.promising(node, barred)):
                 if self.over or (number >= _ENOUGH and min(map(_score, pool.values())) < node.score - PART):
                     break
                 known = self.found.get(structure)
@@ -211,10 +211,11 @@ class Search:
         for fit in best:
             self.fit(fit.structure, fit.unit, 4)
 
-    def _promising(self, node: Fit, barred: frozenset[str]) -> list[tuple[Structure, Array]]:
+    def promising(self, node: Fit, barred: frozenset[str]) -> list[tuple[Structure, Array]]:
         """Return the neighbours with the best expected scores, the best first."""
         parts = node.parts()
-        found = [(node.score - gain, *more) for gain, *more in self._candidates.offers(node, barred)[:_OFFERS]]
+        offers = self._candidates.offers(node, barred)[:_OFFERS]
+        found = [(node.score - gain, structure, start) for gain, structure, start in offers]
         for at, (term, unit) in enumerate(parts):
             rest = parts[:at] + parts[at + 1 :]
             for number in range(len(term.modulations)):
@@ -223,10 +224,13 @@ class Search:
             less = self._fitted(*changed(node, rest))
             score = expected_score(less)
             found.append((score, less.structure, less.unit))
-            found += [(score - gain, *more) for gain, *more in self._candidates.offers(less, barred)[:_SWAPPED]]
-        found.sort(key=lambda offer: offer[0])
-        different = {structure: unit for _, structure, unit in reversed(found) if structure != node.structure}
-        return list(reversed(different.items()))[:_FITTED]
+            offers = self._candidates.offers(less, barred)[:_SWAPPED]
+            found += [(score - gain, structure, start) for gain, structure, start in offers]
+        different = dict[Structure, Array]()
+        for _, structure, start in sorted(found, key=lambda offer: offer[0]):
+            if structure != node.structure:
+                different.setdefault(structure, start)
+        return list(different.items())[:_FITTED]
 
     def neighbours(self, node: Fit, barred: frozenset[str] = frozenset()) -> Iterator[tuple[Structure, Array]]:
         """Return structures with a part added, removed or replaced, each with initial constants."""

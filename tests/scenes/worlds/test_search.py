@@ -29,7 +29,7 @@ from scenes.worlds.refits import constants_of
 from scenes.worlds.search import Search
 from scenes.worlds.task_reading import questions_of, situation_of
 from scenes.worlds.terms import Structure, Term
-from scenes.worlds.weak_form import Legs, to_unit
+from scenes.worlds.weak_form import Legs, named, to_unit
 
 STRUCTURES = {
     "hidden": Structure(Apparatus.WHEEL, (Term("friction"), Term("swinger"))),
@@ -78,6 +78,35 @@ def test_legs_of_the_true_law_leave_the_noise(structure: Structure) -> None:
     misfits = legs.about(structure, unit).misfits(structure, unit[:, None])[: course.count, 0]
     deviations = (float(misfits @ misfits) - course.count) / np.sqrt(2 * course.count)
     assert abs(deviations) < 4
+
+
+@pytest.mark.parametrize("structure", STRUCTURES.values(), ids=STRUCTURES)
+def test_trials_of_legs_do_not_depend_on_each_other(structure: Structure) -> None:
+    told = told_of(structure, 12)
+    legs = Legs.of(simulated(structure, draw_constants(structure, random.Random(2)), told, 3), told)
+    units = np.full((len(structure.ranges), 4), 0.4)
+    units[0, 1], units[-1, 2], units[:, 3] = (
+        0.6,
+        0.7,
+        0.2,
+    )  # the first is a mass
+    together = legs.ends(structure, named(structure, units), 4)
+    for trial in range(4):
+        alone = legs.ends(structure, named(structure, units[:, [trial]]), 1)
+        assert together[:, :, trial] == pytest.approx(alone[:, :, 0], rel=1e-12, abs=1e-12)
+        assert trial == 0 or np.abs(together[:, :, trial] - together[:, :, 0]).max() > 1e-6
+
+
+def test_the_missing_modulation_is_among_the_first_changes_that_are_fitted() -> None:
+    structure = Structure(Apparatus.GLIDER, (Term("friction", ("step",)), Term("spring")))
+    constants, told = draw_constants(structure, random.Random(4)), told_of(structure)
+    search = Search(Legs.of(simulated(structure, constants, told, 3), told))
+    plain = Structure(Apparatus.GLIDER, (Term("friction"), Term("spring")))
+    node = search.fit(plain, np.full(len(plain.ranges), 0.5), 8)
+    first = [changed for changed, _ in search.promising(node, frozenset())]
+    assert structure in first[:3]
+    assert plain not in first
+    assert len(set(first)) == len(first)
 
 
 @pytest.mark.parametrize("apparatus", Apparatus)
