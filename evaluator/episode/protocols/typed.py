@@ -28,8 +28,8 @@ def parse_line(line: str, tools: Sequence[ToolDescription]) -> tuple[ToolCall, .
     """Parse the calls of a line, in order; an empty line has none.
 
     A call is the name of a tool and its arguments, either in the order of `signature` or as `name=value`. If a tool has
-    only one argument, and for `answer` without `steps=`, that argument is the rest of the line. A text must be quoted
-    if it contains `;`, or if it contains spaces and is not the rest of the line.
+    only one argument, and for `answer` if no argument is named, it is the rest of the line. A text must be quoted if it
+    contains `;`, or if it contains spaces and is not the rest of the line.
 
     Raises:
         TypingError: The tool does not exist, or the arguments do not fit it.
@@ -63,7 +63,7 @@ def _call(text: str, tools: Mapping[str, ToolDescription]) -> ToolCall:
 
 def _arguments(text: str, tool: ToolDescription) -> dict[str, Any]:
     schemas: dict[str, Any] = tool.input_schema.get("properties", {})
-    whole = len(schemas) == 1 or (tool.name == ANSWER and not re.search(r"\b(?:steps|answer)=", text))
+    whole = len(schemas) == 1 or (tool.name == ANSWER and not re.search(rf"\b(?:{'|'.join(schemas)})=", text))
     words = [text] if whole and text else _split(text, None)
     found: dict[str, Any] = {}
     for word in words:

@@ -9,7 +9,10 @@ from hypothesis import strategies as st
 from evaluator.episode.player import ToolDescription
 from evaluator.episode.protocols.typed import TypingError, parse_line, signature
 from evaluator.records.episode import ToolCall
+from physment_mcp.scene import load_scene
 from physment_mcp.serving.server import published_tools
+from physment_mcp.session import Session
+from physment_mcp.tools import tools_of
 from tests.builders.records import call
 
 TOOLS = tuple(ToolDescription(tool.name, tool.description or "", tool.input_schema) for tool in published_tools())
@@ -77,6 +80,16 @@ TOOLS = tuple(ToolDescription(tool.name, tool.description or "", tool.input_sche
 )  # fmt: skip
 def test_a_typed_line_is_parsed_into_calls(line: str, calls: list[ToolCall]) -> None:
     assert list(parse_line(line, TOOLS)) == calls
+
+
+def test_a_law_is_typed_where_the_scene_asks_for_one() -> None:
+    tools = published_tools(tools_of(Session(load_scene(201))))
+    asking = tuple(ToolDescription(tool.name, tool.description or "", tool.input_schema) for tool in tools)
+    law = {"acceleration": {"object_1": {"x": "1 + 2"}}}
+    (typed,) = parse_line('answer [1, 2, 3] law={"acceleration": {"object_1": {"x": "1 + 2"}}}', asking)
+    assert typed == call("answer", answer=[1, 2, 3], law=law)
+    (plain,) = parse_line('answer 3 law={"acceleration": {}}', TOOLS)
+    assert plain == call("answer", answer='3 law={"acceleration": {}}')
 
 
 @pytest.mark.parametrize(
