@@ -1,9 +1,14 @@
 """`physment-eval report`: writes the report of one or several graded runs as a page, tables or figures."""
 
 import argparse
-from collections.abc import Mapping, Sequence
+import functools
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import TypeVar
+
+from rich.console import Console
+from rich.progress import track
 
 from evaluator.answers.keys import KeyRing
 from evaluator.commands.base import Commands, allow_modified, folder_to_write
@@ -23,6 +28,8 @@ from evaluator.store.run_folder import RunFolder
 from evaluator.study.integrity import seal_note
 from evaluator.study.provenance import refuse_other_worlds
 from scenes import PackError, find_pack, list_packs, same_pack
+
+T = TypeVar("T")
 
 _DESCRIPTION = """\
 Write report.html of stored runs, several side by side: accuracies with intervals, budgets, categories, dimensions,
@@ -91,7 +98,8 @@ def _report(args: argparse.Namespace) -> int:
         replace(run, attachments=attached_to(RunFolder(path), run.rows, target))
         for path, run in zip(args.folders, runs, strict=True)
     ]
-    written = [write_report(target, runs, baselines=not args.no_baselines)]
+    follow = functools.partial(_followed, "notebooks", sum(len(run.rows) for run in runs))
+    written = [write_report(target, runs, baselines=not args.no_baselines, follow=follow)]
     if args.export:
         written += _export(target, agent_results(runs), args.export, baselines=not args.no_baselines)
     if args.paper:
@@ -103,6 +111,12 @@ def _report(args: argparse.Namespace) -> int:
     for file in written:
         print(file)
     return 0
+
+
+def _followed(what: str, count: int, items: Iterable[T]) -> Iterable[T]:
+    """Pass on items, with a progress bar on a terminal."""
+    console = Console(stderr=True)
+    return track(items, what, count, console=console, transient=True, disable=not console.is_terminal)
 
 
 def _names(folders: Sequence[Path]) -> list[str]:
@@ -137,7 +151,11 @@ def _read(folder: RunFolder, name: str, rings: Sequence[KeyRing], *, trust: bool
     keys = _ring_of(record.packs, rings)
     refuse_other_worlds(record, keys.folder)
     evidence = folder.evidence()
-    rows = [score_episode(one, grade, keys, evidence.get(one.key)) for one, grade in read_graded(folder)]
+    graded = read_graded(folder)
+    rows = [
+        score_episode(one, grade, keys, evidence.get(one.key))
+        for one, grade in _followed(f"scores of {name}", len(graded), graded)
+    ]
     return Run(name, record, rows, pictures(record.packs, keys.folder), seal=seal)
 
 

@@ -8,7 +8,7 @@ scripts but not fetch files.
 import base64
 import hashlib
 import json
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -55,7 +55,14 @@ class Report:
     """Scripts of the notebooks in the order of their numbers; empty if the report is a single file."""
 
 
-def write_report(folder: RunFolder, runs: Sequence[Run], inline: int = INLINE, *, baselines: bool = True) -> Path:
+def write_report(
+    folder: RunFolder,
+    runs: Sequence[Run],
+    inline: int = INLINE,
+    *,
+    baselines: bool = True,
+    follow: Callable[[Iterator[str]], Iterable[str]] = iter,
+) -> Path:
     """Write `report.html` and, if there are more than `inline` episodes, the notebooks beside it.
 
     Args:
@@ -63,6 +70,7 @@ def write_report(folder: RunFolder, runs: Sequence[Run], inline: int = INLINE, *
         runs: The graded runs.
         inline: Largest number of episodes of a report that is a single file.
         baselines: Whether to show the baselines that ship with the package.
+        follow: Passes on the scripts of the notebooks, for a display of the progress.
 
     Returns:
         Path of the page.
@@ -72,7 +80,7 @@ def write_report(folder: RunFolder, runs: Sequence[Run], inline: int = INLINE, *
     """
     report = render(runs, inline, baselines=baselines)
     try:
-        _write_notebooks(folder.path / PAGES, report.notebooks)
+        _write_notebooks(folder.path / PAGES, follow(report.notebooks))
     except OSError as error:
         raise StoreError(f"{folder.path / PAGES} cannot be written: {error.strerror}") from error
     if any(run.attachments.films for run in runs):
