@@ -1,4 +1,4 @@
-"""Writes the README's pictures into docs/pictures (a measured scene, a report, a film), in light and in dark.
+"""Writes pictures into docs/pictures (a measured scene, a report, a film, the app), in light and in dark.
 
 python -m tests.harness.front_page.make [--run DIR]    with the report of a run; without it, the run is played first
 
@@ -9,6 +9,7 @@ import argparse
 import base64
 import io
 import os
+import signal
 import subprocess
 import sys
 import tempfile
@@ -54,6 +55,7 @@ def main() -> None:
         report = args.run or _played_study(folder / "study")
         _report(page, report / "report.html")
         _film(page, folder / "film")
+        _preview(page)
 
 
 def _played_study(folder: Path) -> Path:
@@ -103,6 +105,27 @@ def _film(page: Page, folder: Path) -> None:
         }
         found = page.send("Page.captureScreenshot", clip=clip)
         _save(found["data"], "film", scheme, "A film of an episode in its report, with the calls beside it.")
+
+
+def _preview(page: Page) -> None:
+    """Show the app of the chat in `physment-mcp preview`, after a step in which three boxes move."""
+    command = [sys.executable, "-m", "physment_mcp", "preview", "13", "--no-open"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
+        assert process.stdout is not None
+        address = process.stdout.readline().split(" at ")[1].split()[0]
+        for scheme in SCHEMES:
+            page.look(REPORT_WIDTH, scheme, height=640, scale=SCALE)
+            page.send("Emulation.setScrollbarsHidden", hidden=True)
+            page.visit(address)
+            page.wait("!document.getElementById('run').disabled")
+            page.run("document.querySelector('[name=duration]').value = '1'; document.getElementById('run').click()")
+            page.wait("document.getElementById('calls').textContent.includes('sim_time')")
+            page.run("document.activeElement.blur()")
+            # The frame has an origin of its own, which cannot be asked whether its motion has ended.
+            page.run("new Promise((drawn) => setTimeout(drawn, 4000))")
+            found = page.send("Page.captureScreenshot")
+            _save(found["data"], "preview", scheme, "The app of the chat in a local page, after a step.")
+        process.send_signal(signal.SIGINT)
 
 
 def _shoot(page: Page, file: Path, name: str, width: int, end: str, description: str) -> None:

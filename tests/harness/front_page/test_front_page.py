@@ -94,10 +94,15 @@ def test_the_picture_of_the_scene_is_of_this_episode(episode: Played, scheme: st
         assert picture.getexif()[DESCRIPTION] == caption(*episode)
 
 
-def test_every_picture_is_small_and_shown_by_the_readme() -> None:
+def test_every_picture_is_small_and_shown_by_the_readme_or_a_guide() -> None:
     files = sorted(PICTURES.iterdir())
-    shown = re.findall(r'(?:src|srcset)="([^"]+)"', README.read_text(encoding="utf-8"))
-    assert sorted(ROOT / name for name in shown) == files
+    pages = [README, *(ROOT / "docs" / "how-to").glob("*.md")]
+    shown = {
+        (page.parent / name).resolve()
+        for page in pages
+        for name in re.findall(r'(?:src|srcset)="([^"]+)"', page.read_text(encoding="utf-8"))
+    }
+    assert sorted(shown) == files
     assert [file.name for file in files if file.stat().st_size > LARGEST_BYTES] == []
 
 
