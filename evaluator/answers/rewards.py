@@ -143,12 +143,9 @@ def answer_reward(answer: JsonValue, key: AnswerKey) -> AnswerReward:
         answer: The answer, unchanged from its submission; None for an episode without one, which counts as wrong.
         key: The answer key.
     """
-    found = grade(answer, key)
+    parts = right_parts(answer, key)
     return AnswerReward(
-        strict=float(found.strict is Verdict.CORRECT),
-        graded=found.graded or 0.0,
-        parts=right_parts(answer, key),
-        chance=chance_of_form(key.spec),
+        strict=float(all(parts)), graded=sum(parts) / len(parts), parts=parts, chance=chance_of_form(key.spec)
     )
 
 

@@ -10,6 +10,7 @@ import evaluator
 from evaluator.answers.grading import grade
 from evaluator.answers.rewards import GUESS_RANGE, RewardRule, Worth, answer_reward, chance_of_form
 from evaluator.answers.strict import AnswerKey
+from evaluator.records.episode import Verdict
 from scenes.answer_spec import AnswerKind, AnswerSpec
 
 NUMBER = AnswerKey(2.0, AnswerSpec(kind=AnswerKind.NUMBER))
@@ -38,7 +39,8 @@ def test_an_answer_is_worth_its_parts(
 ) -> None:
     found = answer_reward(answer, key)  # type: ignore[arg-type]  # pyright: ignore[reportArgumentType]
     assert (found.strict, found.graded, found.parts) == (strict, graded, parts)
-    assert found.graded == grade(answer, key).graded  # type: ignore[arg-type]  # pyright: ignore[reportArgumentType]
+    graded_as = grade(answer, key)  # type: ignore[arg-type]  # pyright: ignore[reportArgumentType]
+    assert (found.graded, found.strict) == (graded_as.graded, graded_as.strict is Verdict.CORRECT)
 
 
 def test_guesses_among_options_earn_nothing_on_average() -> None:
