@@ -1,4 +1,4 @@
-"""Trains the policy of the tutorial and checks that it becomes better than random play.
+"""Trains the policies of the tutorials and checks that they become better than random play.
 
 python -m tests.harness.policy_tutorial
 """
@@ -12,9 +12,12 @@ from pathlib import Path
 
 from tests.builders.paths import DOCS
 
-PAGE = (DOCS / "tutorials" / "a-policy-that-learns.md").read_text(encoding="utf-8")
+POLICY, NETWORK = (
+    (DOCS / "tutorials" / f"{name}.md").read_text(encoding="utf-8")
+    for name in ("a-policy-that-learns", "a-network-that-predicts")
+)
 UPDATES = 180
-"""A quarter of the updates of the page, which is enough for two of the three scenes."""
+"""A quarter of the updates of the policy's page, which is enough for two of the three scenes."""
 Shares = dict[int, float]
 """Scene → share of right answers."""
 
@@ -26,22 +29,25 @@ def shares(printed: str, words: str) -> Shares:
     return ast.literal_eval(found[1])
 
 
-def learned(updates: int) -> tuple[Shares, Shares]:
-    """Run the program of the page; returns the trained policy's shares, and the 99 % quantile of random play."""
-    (program,) = re.findall(r"`learn\.py`:\n\n```python\n(.*?)```", PAGE, flags=re.DOTALL)
+def learned(page: str, updates: int, *options: str) -> tuple[Shares, Shares]:
+    """Run the program of a page; returns the trained policy's shares, and the 99 % quantile of random play."""
+    ((name, program),) = re.findall(r"`(\w+\.py)`:\n\n```python\n(.*?)```", page, flags=re.DOTALL)
     with tempfile.TemporaryDirectory() as folder:
-        (Path(folder) / "learn.py").write_text(program, encoding="utf-8")
-        command = [sys.executable, "learn.py", "--seed", "10", "--updates", str(updates)]
+        (Path(folder) / name).write_text(program, encoding="utf-8")
+        command = [sys.executable, name, "--seed", "10", "--updates", str(updates), *options]
         done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     return shares(done.stdout, "trained"), shares(done.stdout, "its 99 % quantile")
 
 
 def main() -> int:
-    """Train, and print the shares; returns 0 if the policy is better than random play in scenes 7 and 9."""
-    trained, limits = learned(UPDATES)
-    sys.stdout.write(f"trained {trained}\n99 % quantile of random play {limits}\n")
-    return 0 if all(trained[scene] > limits[scene] for scene in (7, 9)) else 1
+    """Train both as their pages do, the policy for a shorter time; returns 0 if they are better than random play."""
+    right = True
+    for page, updates, scenes in ((POLICY, UPDATES, (7, 9)), (NETWORK, 600, (7, 9, 10, 11, 12, 64))):
+        trained, limits = learned(page, updates)
+        sys.stdout.write(f"trained {trained}\n99 % quantile of random play {limits}\n")
+        right &= all(trained[scene] > limits[scene] for scene in scenes)
+    return 0 if right else 1
 
 
 if __name__ == "__main__":

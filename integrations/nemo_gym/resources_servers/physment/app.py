@@ -5,16 +5,11 @@ A row of a dataset names its episode in `verifier_metadata`: `{"scene": 7, "seed
 """
 
 import asyncio
-from contextlib import AsyncExitStack
-from dataclasses import dataclass
 from typing import Any
 
 import httpx
 from fastapi import FastAPI, HTTPException, Request
 from fastapi.responses import PlainTextResponse
-from mcp import ClientSession, McpError
-from mcp.client.streamable_http import streamable_http_client
-from mcp.types import TextContent
 from nemo_gym.base_resources_server import (
     BaseResourcesServerConfig,
     BaseSeedSessionRequest,
@@ -24,12 +19,9 @@ from nemo_gym.base_resources_server import (
     SimpleResourcesServer,
 )
 from nemo_gym.server_utils import SESSION_ID_KEY
+from physment_laboratory import CONNECT_S, READ_S, LaboratoryError, request_of, result_of
 from physment_referee import OpenedEpisode, Referee, RefereeError
 from pydantic import BaseModel, ConfigDict, Field, PrivateAttr
-
-_PATIENCE = httpx.Timeout(30.0, read=300.0)
-"""[s]; a long `step` of a stiff scene takes minutes."""
-
 
 _SESSIONS = 1000
 """Largest number of open sessions; a referee opens no more episodes by default."""
@@ -74,23 +66,18 @@ class PhysmentVerifyResponse(BaseVerifyResponse):
     calls: int
 
 
-@dataclass(frozen=True, slots=True)
-class _Player:
-    """An open episode and the connection to it."""
-
-    opened: OpenedEpisode
-    session: ClientSession
-    ended: asyncio.Event
-    """Ends the connection."""
-
-
 class PhysmentResourcesServer(SimpleResourcesServer):
-    """Sessions of NeMo Gym as episodes of the laboratory."""
+    """Sessions of NeMo Gym as episodes of the laboratory. A call is one POST, over a pool of connections."""
 
     config: BaseResourcesServerConfig
     _referee: Referee = PrivateAttr(default_factory=Referee.from_environment)
-    _players: dict[str, _Player] = PrivateAttr(default_factory=dict)
-    _connections: set[asyncio.Task[None]] = PrivateAttr(default_factory=set)
+    _episodes: dict[str, OpenedEpisode] = PrivateAttr(default_factory=dict)
+    """Session → its open episode."""
+    _http: httpx.AsyncClient = PrivateAttr(
+        default_factory=lambda: httpx.AsyncClient(
+            timeout=httpx.Timeout(CONNECT_S, read=READ_S, pool=None), limits=httpx.Limits(max_connections=None)
+        )
+    )
 
     def setup_webserver(self) -> FastAPI:
         """Return the application with the endpoints of NeMo Gym, and one for every tool."""
@@ -104,34 +91,35 @@ class PhysmentResourcesServer(SimpleResourcesServer):
             opened = await asyncio.to_thread(self._referee.open, **body.verifier_metadata.model_dump())
         except RefereeError as error:
             raise HTTPException(502, str(error)) from error
-        self._leave(request.session[SESSION_ID_KEY])
-        while len(self._players) >= _SESSIONS:
-            self._leave(next(iter(self._players)))  # the oldest: its agent never asked for its reward
-        self._players[request.session[SESSION_ID_KEY]] = await self._connect(opened)
+        self._episodes.pop(request.session[SESSION_ID_KEY], None)
+        while len(self._episodes) >= _SESSIONS:
+            self._episodes.pop(next(iter(self._episodes)))  # the oldest: its agent never asked for its reward
+        self._episodes[request.session[SESSION_ID_KEY]] = opened
         return BaseSeedSessionResponse()
 
     async def call(self, tool: str, request: Request) -> PlainTextResponse:
         """Call a tool of the session's episode; returns the text of the result or of the refusal."""
-        player = self._players.get(request.session[SESSION_ID_KEY])
-        if player is None:
+        opened = self._episodes.get(request.session[SESSION_ID_KEY])
+        if opened is None:
             raise HTTPException(409, "no episode is open in this session: POST /seed_session first")
         arguments: Any = await request.json()
         if not isinstance(arguments, dict):
             return PlainTextResponse("the arguments must be a JSON object")
+        headers, body = request_of(opened.player_token, tool, arguments)
         try:
-            result = await player.session.call_tool(tool, arguments)
-        except McpError as error:
-            return PlainTextResponse(str(error))
-        return PlainTextResponse("\n".join(part.text for part in result.content if isinstance(part, TextContent)))
+            reply = await self._http.post(opened.mcp_url, content=body, headers=headers)
+            return PlainTextResponse(result_of(reply.status_code, reply.content).text)
+        except httpx.HTTPError as error:
+            raise HTTPException(502, f"the host at {opened.mcp_url} cannot be reached ({error!r})") from error
+        except LaboratoryError as error:
+            raise HTTPException(502, str(error)) from error
 
     async def verify(self, request: Request, body: PhysmentVerifyRequest) -> PhysmentVerifyResponse:
         """Request the reward from the referee. An episode without an answer ends as budget exhausted."""
-        player = self._players.get(request.session[SESSION_ID_KEY])
-        if player is None:
+        opened = self._episodes.get(request.session[SESSION_ID_KEY])
+        if opened is None:
             raise HTTPException(409, "no episode is open in this session, or its reward was given already")
         iterations = sum(item.type == "function_call" for item in body.response.output)
-        opened = player.opened
-        player.ended.set()
         try:
             found = await asyncio.to_thread(
                 self._referee.reward,
@@ -142,7 +130,7 @@ class PhysmentResourcesServer(SimpleResourcesServer):
             )
         except RefereeError as error:
             raise HTTPException(502, str(error)) from error
-        self._leave(request.session[SESSION_ID_KEY])
+        self._episodes.pop(request.session[SESSION_ID_KEY], None)
         return PhysmentVerifyResponse(
             **body.model_dump(),
             reward=found.reward,
@@ -151,38 +139,6 @@ class PhysmentResourcesServer(SimpleResourcesServer):
             graded=found.graded,
             calls=found.calls,
         )
-
-    async def _connect(self, opened: OpenedEpisode) -> _Player:
-        """Hold a connection to an episode. Opened and closed in one task, as its cancel scope requires."""
-        ready: asyncio.Future[ClientSession] = asyncio.get_running_loop().create_future()
-        ended = asyncio.Event()
-        headers = {"Authorization": f"Bearer {opened.player_token}"}
-
-        async def live() -> None:
-            try:
-                async with AsyncExitStack() as stack:
-                    http = await stack.enter_async_context(httpx.AsyncClient(headers=headers, timeout=_PATIENCE))
-                    read, write, _ = await stack.enter_async_context(
-                        streamable_http_client(opened.mcp_url, http_client=http)
-                    )
-                    session = await stack.enter_async_context(ClientSession(read, write))
-                    await session.initialize()
-                    ready.set_result(session)
-                    await ended.wait()
-            except Exception as error:
-                if ready.done():
-                    raise
-                ready.set_exception(HTTPException(502, f"the host cannot be reached: {error!r}"))
-
-        task = asyncio.create_task(live())
-        self._connections.add(task)
-        task.add_done_callback(self._connections.discard)
-        return _Player(opened, await ready, ended)
-
-    def _leave(self, session_id: str) -> None:
-        player = self._players.pop(session_id, None)
-        if player is not None:
-            player.ended.set()
 
 
 if __name__ == "__main__":
