@@ -148,8 +148,7 @@ _BINDING = (
 def _tokens(text: str, language: Language) -> list[Token]:
     if len(text) > language.max_chars:
         raise ExpressionError(f"it has {len(text)} characters; at most {language.max_chars} are allowed")
-    found: list[Token] = []
-    at, text = 0, text.rstrip()
+    found, at, text = list[Token](), 0, text.rstrip()
     while at < len(text):
         token = _TOKEN.match(text, at)
         kind = (token and token.lastgroup) or ""
@@ -326,11 +325,12 @@ def _code(
         operands = list(map(tree, parts))
         if head in language.operators or head in language.functions:
             return ast.Call(ast.Name(f"{head}()", ast.Load()), operands, [])
-        if head == "compare":
-            return ast.Compare(operands[0], [_COMPARISONS[sign]() for sign in text.split(",")], operands[1:])
         if head in _ARITHMETIC:
             return ast.BinOp(operands[0], _ARITHMETIC[head](), operands[1])
-        return _BUILDERS[head](operands)
+        signs = [_COMPARISONS[sign]() for sign in text.split(",") if sign]
+        found = ast.Compare(operands[0], signs, operands[1:]) if signs else _BUILDERS[head](operands)
+        is_truth = language.number is float and head in {"compare", "not"}  # their sums would be integers
+        return ast.IfExp(found, ast.Constant(1.0), ast.Constant(0.0)) if is_truth else found
 
     first = [ast.NamedExpr(ast.Name(name, ast.Store()), tree(node)) for name, node in let]
     values = ast.Tuple([tree(node) for node in results], ast.Load())

@@ -41,7 +41,7 @@ class Formulas:
     ) -> None:
         known = {"pi", *names}
         for name in chosen:
-            _refuse_name(f"state.{name[:40]}", name, known)
+            _refuse_name("state", name, known)
             known.add(name)
         for name in constants:
             _refuse_name(f"constants.{name}", name, known)
@@ -49,8 +49,8 @@ class Formulas:
         self._constants = {name: float(value) for name, value in constants.items()}
         self._let: dict[str, Node] = {}
         for name, text in let.items():
+            _refuse_name("let", name, known)
             self._let[name] = _read(f"let.{name}", text, known)
-            _refuse_name(f"let.{name}", name, known)
             known.add(name)
         self._results = {field: _read(field, text, known) for field, text in results.items()}
         self.used = names_in(*self._let.values(), *self._results.values()) & {*names, *chosen}

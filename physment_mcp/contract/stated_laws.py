@@ -88,11 +88,13 @@ class StatedLaw:
                 results[f"acceleration.{name}.{axis}"] = _text(f"acceleration.{name}.{axis}", text)
         if not results:
             raise ExpressionError('acceleration: state one at least, such as {"object_1": {"x": "-object_1_vx"}}')
-        let = {name: _text(f"let.{name[:40]}", text) for name, text in _mapping("let", fields.get("let", {})).items()}
+        let = {
+            name: _text(f"let.{_shown(name)}", text) for name, text in _mapping("let", fields.get("let", {})).items()
+        }
         for name, state in _mapping("state", fields.get("state", {})).items():
-            parts = _mapping(f"state.{name[:40]}", state, ("start", "rate"))
-            states[name] = _start(name[:40], parts.get("start"))
-            results[f"state.{name}.rate"] = _text(f"state.{name[:40]}.rate", parts.get("rate"))
+            parts = _mapping(f"state.{_shown(name)}", state, ("start", "rate"))
+            states[name] = _start(_shown(name), parts.get("start"))
+            results[f"state.{name}.rate"] = _text(f"state.{_shown(name)}.rate", parts.get("rate"))
         if len(let) > MAX_LET or len(states) > MAX_STATES:
             raise ExpressionError(f"let has at most {MAX_LET} names, and state at most {MAX_STATES}")
         size = sum(map(len, (*let, *let.values(), *states, *results.values())))
@@ -162,6 +164,11 @@ def _mapping(field: str, value: object, names: Sequence[str] = ()) -> dict[str, 
 
 def _listed(names: Sequence[str]) -> str:
     return ", ".join(names)
+
+
+def _shown(name: str) -> str:
+    """Return the beginning of a name that may hold anything, without half surrogates, which no reply can contain."""
+    return name[:40].encode("ascii", "backslashreplace").decode()
 
 
 def _text(field: str, value: object) -> str:

@@ -28,7 +28,7 @@ def value(text: str, **names: float) -> float:
         ("7 % 4", 3.0),
         ("-7 % 4", 1.0),
         ("x if x > 3 and not x == 5 else -x", 4.0),
-        ("1 < x <= 4 or 1/0", True),
+        ("1 < x <= 4 or 1/0", 1.0),
         ("(x > 3)*2", 2.0),
         ("min(x, 2, 7) + max(x, 2)", 6.0),
         ("abs(-x) + sqrt(x) + hypot(3, x)", 11.0),
@@ -40,6 +40,18 @@ def value(text: str, **names: float) -> float:
 )
 def test_an_expression_has_the_value_of_arithmetic(text: str, expected: float) -> None:
     assert value(text, x=4.0) == pytest.approx(expected)
+
+
+@pytest.mark.parametrize("text", ["x > 3", "not x", "(x > 3) + (x > 3)", "-(x > 3)", "x > 3 or x", "max(x > 3, 0)"])
+def test_truth_values_are_floats(text: str) -> None:
+    assert type(value(text, x=4.0)) is float
+
+
+def test_products_of_truth_values_build_no_huge_integer() -> None:
+    """Each product has twice as many digits as the one before, unless it is a float."""
+    let = {"a0": "(x > 3) + (x > 3)"} | {f"a{n}": f"a{n - 1}*a{n - 1}" for n in range(1, 15)}
+    (found,) = Formulas(["x"], {}, let, {"f": "a14"}).function(["x"])(4.0)
+    assert found == math.inf
 
 
 @given(

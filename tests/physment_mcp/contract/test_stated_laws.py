@@ -96,6 +96,8 @@ def test_the_schema_accepts_every_form_that_the_reader_accepts() -> None:
         (x("1", let={"object_1_x": "1"}), "the name 'object_1_x' has a meaning already"),
         (x("1", let={"sin": "1"}), "the name 'sin' has a meaning already"),
         (x("1", let={"a b": "1"}), "'a b' cannot be a name"),
+        (x("1", let={"\ud800": "("}), "let: '\\ud800' cannot be a name"),
+        (x("1", state={"\ud800": 1}), "state.\\ud800 must be an object"),
         (x("1", state={"t": {"start": 0, "rate": 1}}), "the name 't' has a meaning already"),
         (x("1", state={"s": {"start": "0", "rate": 1}}), "state.s.start must be a number"),
         (x("1", state={"s": {"start": math.nan, "rate": 1}}), "state.s.start must be a number"),
