@@ -161,11 +161,16 @@ def _spread(first: Sequence[Sequence[float]], second: Sequence[Sequence[float]])
 
     def distance(part: slice) -> float:
         squares = [
-            (x - y) ** 2 for a, b in zip(first, second, strict=True) for x, y in zip(a[part], b[part], strict=True)
+            _squared(x - y) for a, b in zip(first, second, strict=True) for x, y in zip(a[part], b[part], strict=True)
         ]
         return math.sqrt(sum(squares) / len(first))
 
     return distance(slice(None, half)), distance(slice(half, None))
+
+
+def _squared(value: float) -> float:
+    """Return the square, which is infinite where a power would raise OverflowError."""
+    return value * value
 
 
 @dataclass
@@ -293,9 +298,9 @@ def _effects(law: Motion, true: TrueLaw) -> tuple[list[list[float]], list[float]
         variants.append(_acceleration(law, longer, present, past[: 2 * n]))
         variants.append(_acceleration(law, _CLAMPED_S, present, other_past[: 2 * n]))
         for at in range(n):
-            sizes[at] += base[at] ** 2 / _PROBES
+            sizes[at] += _squared(base[at]) / _PROBES
             for quantity, variant in enumerate(variants):
-                squares[at][quantity] += (variant[at] - base[at]) ** 2 / _PROBES
+                squares[at][quantity] += _squared(variant[at] - base[at]) / _PROBES
     return [[math.sqrt(square) for square in row] for row in squares], [math.sqrt(size) for size in sizes]
 
 

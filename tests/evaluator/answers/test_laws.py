@@ -91,6 +91,14 @@ def test_a_law_that_diverges_has_no_error_and_is_not_known(text: str) -> None:
     json.dumps(found.model_dump(), allow_nan=False)
 
 
+@pytest.mark.parametrize("text", ["1e200", "1e308*sign(object_1_x)", "state"])
+def test_a_law_of_enormous_values_is_graded(text: str) -> None:
+    law = {"acceleration": {"object_1": {"x": text}}, "state": {"state": {"start": 1e299, "rate": "state"}}}
+    found = graded(law)
+    assert not found.equivalent
+    json.dumps(found.model_dump(), allow_nan=False)
+
+
 @pytest.mark.parametrize("law", ["x", {}, {"acceleration": {"object_1": {"x": "nonsense"}}}, [1], 3.5])
 def test_a_law_of_an_edited_record_that_cannot_be_read_is_graded_as_such(law: object) -> None:
     found = graded(law)
