@@ -103,8 +103,9 @@ class Variant:
     """Name and version of the split, such as `train@1`; empty if none was named."""
     index: int | None = None
     """Its place in the split; None without one."""
-    step: tuple[str, int] | None = None
-    """Curriculum from which it was drawn, and its step of difficulty there; None without one."""
+    step: tuple[str, int, int] | None = None
+    """Curriculum from which it was drawn, its step of difficulty there, and the number of the window's place then; None
+    without one."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -5,9 +5,10 @@ Only rewards at its hardest step move it, so it settles where the agent succeeds
 """
 
 import hashlib
+import itertools
 import math
 from collections import OrderedDict
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass, field
 from itertools import groupby
 from typing import Any
@@ -46,7 +47,7 @@ class Window:
     """Rewards at the hardest step since the window moved last, and how many of them were for right answers."""
 
     def add(self, step: int, *, right: bool) -> None:
-        """Count a reward. One of another step than the hardest, also of the hardest before a move, moves nothing."""
+        """Count a reward. One of another step than the hardest moves nothing."""
         if step != self.high:
             return
         self.tried += 1
@@ -85,6 +86,8 @@ class _Curriculum:
     """Name and version of the split, or `worlds`."""
     steps: Steps
     window: Window
+    place: int
+    """Number of the window's present place, which no place of another window or before a move has."""
 
 
 @dataclass(slots=True)
@@ -92,6 +95,7 @@ class Curricula:
     """The windows of all trainers. They last as long as the process."""
 
     _named: OrderedDict[str, _Curriculum] = field(default_factory=OrderedDict[str, _Curriculum])
+    _places: Iterator[int] = field(default_factory=itertools.count, repr=False)
 
     def draw(self, name: str, pool: Split, steps: Steps, random_seed: int) -> Variant:
         """Draw a variant from the window of a curriculum, which begins with its first draw.
@@ -105,7 +109,7 @@ class Curricula:
         Raises:
             RefusedRequest: The curriculum has other scenes.
         """
-        found = self._named.setdefault(name, _Curriculum(pool.label, steps, Window(len(steps))))
+        found = self._named.setdefault(name, _Curriculum(pool.label, steps, Window(len(steps)), next(self._places)))
         self._named.move_to_end(name)
         while len(self._named) > MOST:
             self._named.popitem(last=False)
@@ -122,13 +126,18 @@ class Curricula:
         seed = drawn % len(pool.seeds)
         index = pool.scenes.index(scenes[place]) + len(pool.scenes) * seed
         split = "" if pool.name == "worlds" else pool.label
-        return Variant(scenes[place], pool.seeds[seed], split, index, (name, window.low + step))
+        return Variant(scenes[place], pool.seeds[seed], split, index, (name, window.low + step, found.place))
 
     def add(self, variant: Variant, *, right: bool) -> None:
-        """Count the reward of a variant, if it was drawn from a curriculum that was not reset or forgotten."""
-        name, step = variant.step or ("", 0)
-        if name in self._named:
-            self._named[name].window.add(step, right=right)
+        """Count the reward of a variant, if its curriculum was not reset, forgotten or moved since it was drawn."""
+        name, step, place = variant.step or ("", 0, 0)
+        found = self._named.get(name)
+        if found is None or found.place != place:
+            return
+        before = found.window.high
+        found.window.add(step, right=right)
+        if found.window.high != before:
+            found.place = next(self._places)
 
     def state(self, name: str) -> dict[str, Any]:
         """The window of a curriculum, with the scenes of its steps.

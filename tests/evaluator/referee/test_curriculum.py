@@ -102,7 +102,7 @@ def test_scenes_are_divided_by_difficulty_and_worlds_by_level() -> None:
     levels = set[int]()
     for seed in range(20):
         variant = variants.select(WantedEpisode(world=WantedWorld(), random_seed=seed), "mine")
-        assert (variant.step, variant.split) == (("mine", 0), "")
+        assert (variant.step, variant.split) == (("mine", 0, 0), "")
         levels.add(place_of(variant.scene)[0])
     assert levels == {1}
     assert [len(step) for step in variants.curricula.state("mine")["steps"]] == [2] * 8  # the public worlds
@@ -124,7 +124,7 @@ def drawing() -> Callable[..., Variant]:
 def test_a_draw_repeats_itself_and_covers_the_window() -> None:
     draw = drawing()
     first = [draw("mine", seed) for seed in range(100)]
-    assert first == [replace(draw("other", seed), step=("mine", 0)) for seed in range(100)]
+    assert first == [replace(draw("other", seed), step=("mine", 0, 0)) for seed in range(100)]
     assert {variant.scene for variant in first} == set(steps_of(TRAIN, DIFFICULTIES)[0])
     for wanted in ({"scene": 7}, {"seed": 3}, {"index": 3}):
         with pytest.raises(RefusedRequest, match="a curriculum draws the variant"):
@@ -137,7 +137,7 @@ def test_curricula_are_apart_bounded_and_keep_to_their_scenes(monkeypatch: pytes
     drawn, _ = [curricula.draw(name, TRAIN, steps, 1) for name in ("a", "b")]
     for _ in range(ENOUGH):
         curricula.add(drawn, right=True)
-        curricula.add(replace(drawn, step=("unknown", 0)), right=True)
+        curricula.add(replace(drawn, step=("unknown", 0, 0)), right=True)
         curricula.add(replace(drawn, step=None), right=True)
     assert (curricula.state("a")["high"], curricula.state("b")["high"]) == (1, 0)
     with pytest.raises(RefusedRequest, match="has other scenes, of train@1"):
@@ -146,6 +146,23 @@ def test_curricula_are_apart_bounded_and_keep_to_their_scenes(monkeypatch: pytes
     with pytest.raises(RefusedRequest, match="no such curriculum"):
         curricula.state("b")
     assert curricula.state("a")["high"] == 1
+
+
+def test_rewards_of_before_a_move_or_a_reset_count_for_nothing() -> None:
+    curricula, steps = Curricula(), ((7,), (9,))
+    first = curricula.draw("a", TRAIN, steps, 1)
+    for _ in range(ENOUGH):
+        curricula.add(first, right=True)
+    harder = next(one for n in range(99) if (one := curricula.draw("a", TRAIN, steps, n)).scene == 9)
+    for _ in range(ENOUGH):
+        curricula.add(harder, right=False)
+    curricula.add(first, right=True)
+    assert (curricula.state("a")["high"], curricula.state("a")["tried"]) == (0, 0)
+    again = curricula.draw("a", TRAIN, steps, 1)
+    curricula.reset("a")
+    curricula.draw("a", TRAIN, steps, 1)
+    curricula.add(again, right=True)
+    assert curricula.state("a")["tried"] == 0
 
 
 async def test_a_referee_moves_the_window_by_its_rewards_and_resets_it(
