@@ -51,9 +51,9 @@ class TrueLaw(NamedTuple):
     """Ids of the objects that an agent can name."""
 
     @property
-    def motion(self) -> "Motion":
+    def motion(self) -> "StatedMotion":
         """The motion of the objects by the law."""
-        return Motion(StatedLaw(self.model.statement, self.objects), self.model.coordinates)
+        return StatedMotion(StatedLaw(self.model.statement, self.objects), self.model.coordinates)
 
 
 def stated_law(episode: Episode) -> Mapping[str, Any] | None:
@@ -81,7 +81,7 @@ def grade_law(written: object, true: TrueLaw) -> LawGrade:
         stated = StatedLaw(written, true.objects)
     except ExpressionError as error:
         return LawGrade(version=LAW_GRADER_VERSION, sha256=hash_of(written), equivalent=False, refused=str(error))
-    own, other = true.motion, Motion(stated, true.model.coordinates)
+    own, other = true.motion, StatedMotion(stated, true.model.coordinates)
     within, beyond = (_error(own, other, courses_of(true, far=far)) for far in (False, True))
     return LawGrade(
         version=LAW_GRADER_VERSION,
@@ -102,7 +102,7 @@ def hash_of(written: object) -> str:
 # Courses
 
 
-class Course(NamedTuple):
+class LoadPlan(NamedTuple):
     """A start and the loads of each leg, a number for each coordinate."""
 
     held_s: float
@@ -112,12 +112,12 @@ class Course(NamedTuple):
     loads: list[list[float]]
 
 
-def courses_of(true: TrueLaw, *, far: bool) -> list[Course]:
+def courses_of(true: TrueLaw, *, far: bool) -> list[LoadPlan]:
     """Return random courses, within the reach of the laboratory or beyond it; the same for every law of a scene."""
     coordinates, radius = true.model.coordinates, true.model.radius or _TURN
     low, high = (1.0, 1.5) if far else (0.0, 0.8)
     swift, strong, late = (4.0, 8.0, 1.5) if far else (2.0, 3.0, 0.6)
-    found: list[Course] = []
+    found: list[LoadPlan] = []
     for number in range(_COURSES):
         source = random.Random(f"course:{far}:{number}")  # noqa: S311 - reproducible, not secret
         held = late * (true.lab_time or _LONG_S) * source.random() if number % 2 else 0.0
@@ -125,7 +125,7 @@ def courses_of(true: TrueLaw, *, far: bool) -> list[Course]:
         speeds = _vectors(source, coordinates, 0.0, swift)
         pushes = [_vectors(source, coordinates, 0.3, strong) for _ in range(_LEGS)]
         loads = [[a * one.inertia for a, one in zip(push, coordinates, strict=True)] for push in pushes]
-        found.append(Course(held, places, speeds, loads))
+        found.append(LoadPlan(held, places, speeds, loads))
     return found
 
 
@@ -139,7 +139,7 @@ def _vectors(source: random.Random, coordinates: Sequence[Coordinate], low: floa
     return found
 
 
-def _error(own: "Motion", other: "Motion", courses: Sequence[Course]) -> float:
+def _error(own: "StatedMotion", other: "StatedMotion", courses: Sequence[LoadPlan]) -> float:
     """Return the median error of the courses of a law, relative to the motion; infinite where it has none."""
     true, stated = ([law.followed(course) for course in courses] for law in (own, other))
     pairs = [(a, b, course) for a, b, course in zip(true, stated, courses, strict=True) if a is not None]
@@ -174,7 +174,7 @@ def _squared(value: float) -> float:
 
 
 @dataclass
-class Motion:
+class StatedMotion:
     """The motion of the objects by a law."""
 
     law: StatedLaw
@@ -228,7 +228,7 @@ class Motion:
             states = _advanced(slope, number * h, states, h)
         return states
 
-    def followed(self, course: Course) -> list[list[float]] | None:
+    def followed(self, course: LoadPlan) -> list[list[float]] | None:
         """Return places and velocities at each look of a course; None if the law has no finite course."""
         time, looks, seen = course.held_s, list[list[float]](), [*course.places, *course.speeds]
         h = _LEG_S / _LOOKS / round(_LEG_S / _LOOKS / _STEP_S)
@@ -263,7 +263,7 @@ def _advanced(slope: Callable[[float, list[float]], list[float]], time: float, y
 # Dependences
 
 
-def _dependence_f1(own: Motion, other: Motion, true: TrueLaw) -> float:
+def _dependence_f1(own: StatedMotion, other: StatedMotion, true: TrueLaw) -> float:
     """Return the F1 score of the pairs of an acceleration and a quantity on which it depends.
 
     Quantities are each place, velocity and load, the time, and the past: what was before, at the same present.
@@ -281,7 +281,7 @@ def _dependence_f1(own: Motion, other: Motion, true: TrueLaw) -> float:
     return 2 * hits / max(2 * hits + wrong + missed, 1)
 
 
-def _effects(law: Motion, true: TrueLaw) -> tuple[list[list[float]], list[float]]:
+def _effects(law: StatedMotion, true: TrueLaw) -> tuple[list[list[float]], list[float]]:
     """Return the root mean square effect of each quantity on each acceleration, and the size of each acceleration."""
     n, lab_time = len(true.model.coordinates), true.lab_time or _LONG_S
     squares = [[0.0] * (3 * n + 2) for _ in range(n)]
@@ -315,7 +315,7 @@ def _present(source: random.Random, true: TrueLaw) -> list[float]:
     ]
 
 
-def _acceleration(law: Motion, time: float, present: Sequence[float], past: Sequence[float]) -> list[float]:
+def _acceleration(law: StatedMotion, time: float, present: Sequence[float], past: Sequence[float]) -> list[float]:
     """Return the accelerations after objects were clamped in the past; a law without a finite value has none."""
     split = 2 * len(law.coordinates)
     try:

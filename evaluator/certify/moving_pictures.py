@@ -2,6 +2,6 @@
 
 from physment_mcp.world.pictures.moving_plates import Moment, Shown, ShownReading, moving_plate
 from physment_mcp.world.pictures.showing import ShownBody, ShownPart
-from physment_mcp.world.pictures.sketch import Course
+from physment_mcp.world.pictures.sketch import SketchedPart
 
-__all__ = ["Course", "Moment", "Shown", "ShownBody", "ShownPart", "ShownReading", "moving_plate"]
+__all__ = ["Moment", "Shown", "ShownBody", "ShownPart", "ShownReading", "SketchedPart", "moving_plate"]

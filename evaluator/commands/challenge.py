@@ -25,7 +25,7 @@ from evaluator.commands.challenge_people import (
     write_links,
 )
 from evaluator.commands.challenge_removal import remove_person
-from evaluator.commands.challenge_session import AGENT, Session, course_of
+from evaluator.commands.challenge_session import AGENT, RunningChallenge, remaining_of
 from evaluator.commands.finishing import finish
 from evaluator.commands.human_episode import kept_if_used
 from evaluator.commands.page_server import serving
@@ -243,7 +243,7 @@ async def _serve(
         write_challenge(folder, challenge)
         links = write_links(folder, challenge, tokens, address.public or address.here)
         packs = {files.scene_id: files for files in settings.packs}
-        session = Session(folder, challenge, record, packs, keys, console)
+        session = RunningChallenge(folder, challenge, record, packs, keys, console)
         people = [person for person in challenge.people if person.token_sha256]
         states = {person.token_sha256: session.page_of(person) for person in people}
         done = {key: strict_verdict(episode, keys) for key, episode in folder.episodes().items()}
@@ -259,7 +259,7 @@ async def _serve(
                 mine = [key for key in plan.matrix() if key.epoch == person.number and key.seed == seed]
                 played = {key: verdict for key, verdict in done.items() if key.epoch == person.number}
                 se = None if plan.adaptive is None else plan.adaptive.se
-                tasks.start_soon(session.attend, person, course_of(mine, played, settings.table, se), laboratory)
+                tasks.start_soon(session.attend, person, remaining_of(mine, played, settings.table, se), laboratory)
 
 
 def _record(settings: _Settings, server: ServerRecord, scenes_dir: Path | None) -> RunRecord:

@@ -33,7 +33,7 @@ Next = tuple[EpisodeKey, Choice | None]
 
 
 @dataclass(slots=True)
-class Course:
+class RemainingEpisodes:
     """The episodes that a person has still to play: a list, or an adaptive test."""
 
     waiting: list[EpisodeKey]
@@ -52,9 +52,9 @@ class Course:
             self.test.add(key, is_right=verdict is Verdict.CORRECT)
 
 
-def course_of(
+def remaining_of(
     keys: Sequence[EpisodeKey], done: Mapping[EpisodeKey, Verdict], table: DifficultyTable | None, se: float | None
-) -> Course:
+) -> RemainingEpisodes:
     """Return what a person has still to play.
 
     Args:
@@ -65,15 +65,15 @@ def course_of(
     """
     waiting = [key for key in keys if key not in done]
     if table is None or se is None:
-        return Course(waiting)
-    course = Course(waiting, AdaptiveTest(f"{AGENT} {keys[0].epoch}", table.difficulties, se, waiting))
+        return RemainingEpisodes(waiting)
+    left = RemainingEpisodes(waiting, AdaptiveTest(f"{AGENT} {keys[0].epoch}", table.difficulties, se, waiting))
     for key, verdict in done.items():
-        course.add(key, verdict)
-    return course
+        left.add(key, verdict)
+    return left
 
 
 @dataclass(slots=True)
-class Session:
+class RunningChallenge:
     """A running challenge."""
 
     folder: RunFolder
@@ -98,7 +98,7 @@ class Session:
         for page in self.pages.values():
             page.close(ENDED)
 
-    async def attend(self, person: Person, course: Course, laboratory: EpisodeConnector) -> None:
+    async def attend(self, person: Person, left: RemainingEpisodes, laboratory: EpisodeConnector) -> None:
         """Let a person agree and play, until there is nothing more to play or their time is over."""
         page = self.pages[person.number]
         assert page.visitor is not None
@@ -107,7 +107,7 @@ class Session:
             self._start_clock(person, page.visitor)
             async with anyio.create_task_group() as tasks:
                 tasks.start_soon(_end_in_time, page, page.visitor.ends_at)
-                await self._play_all(page, course, laboratory)
+                await self._play_all(page, left, laboratory)
                 tasks.cancel_scope.cancel()
         page.end(Ending(self._farewell(page, page.visitor)))
         self.console.print(f"{page.visitor.code}: has finished", highlight=False)
@@ -123,13 +123,13 @@ class Session:
         if self.challenge.minutes is not None:
             visitor.ends_at = time.monotonic() + 60 * self.challenge.minutes - spent_s
 
-    async def _play_all(self, page: PageState, course: Course, laboratory: EpisodeConnector) -> None:
-        upcoming = course.following()
+    async def _play_all(self, page: PageState, left: RemainingEpisodes, laboratory: EpisodeConnector) -> None:
+        upcoming = left.following()
         while upcoming is not None and not page.is_closed:
             key, choice = upcoming
             try:
-                ending = await self._played(page, key, choice, course, laboratory)
-                upcoming = course.following()
+                ending = await self._played(page, key, choice, left, laboratory)
+                upcoming = left.following()
                 choices = {} if upcoming is None else {"next": "the next scene"}
             except InfrastructureError as error:
                 self.console.print(f"scene {reference_of(key.scene)}: {error}", highlight=False, markup=False)
@@ -143,7 +143,12 @@ class Session:
                 page.begin()
 
     async def _played(
-        self, page: PageState, key: EpisodeKey, choice: Choice | None, course: Course, laboratory: EpisodeConnector
+        self,
+        page: PageState,
+        key: EpisodeKey,
+        choice: Choice | None,
+        left: RemainingEpisodes,
+        laboratory: EpisodeConnector,
     ) -> Ending:
         """Play and record an episode. One that the organiser or the clock ended before its first turn is not recorded.
 
@@ -160,7 +165,7 @@ class Session:
                 self.folder.append_episode, episode.model_copy(update={"chosen": choice}), abandon_on_cancel=False
             )
         verdict = strict_verdict(episode, self.keys)
-        course.add(key, verdict)
+        left.add(key, verdict)
         assert page.visitor is not None
         said = f"{page.visitor.code}: scene {reference_of(key.scene)}, {episode.outcome.replace('_', ' ')}"
         self.console.print(said, highlight=False, markup=False)

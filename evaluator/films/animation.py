@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from evaluator.certify.moving_pictures import Course, Moment, Shown, ShownBody, ShownPart, ShownReading
+from evaluator.certify.moving_pictures import Moment, Shown, ShownBody, ShownPart, ShownReading, SketchedPart
 from evaluator.films.motion import Motion, decoded
 from evaluator.records.episode import Episode
 from evaluator.report.call_rows import CallRow, calls_of
@@ -66,7 +66,7 @@ def _shown(drawing: Drawing) -> Shown:
         )
         for body in drawing.bodies
     ]
-    return Shown(bodies, [Course(course.kind, course.points) for course in drawing.schematic])
+    return Shown(bodies, [SketchedPart(course.kind, course.points) for course in drawing.schematic])
 
 
 class _Frames:

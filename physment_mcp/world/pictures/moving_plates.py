@@ -20,7 +20,7 @@ from physment_mcp.world.pictures.framing import View
 from physment_mcp.world.pictures.overlay import LINE, Overlay, Place
 from physment_mcp.world.pictures.plates import NO_FLOOR, ROOM, ground_below, named_corners
 from physment_mcp.world.pictures.showing import ShownBody, picture_model
-from physment_mcp.world.pictures.sketch import RING, Course, draw_course, draw_reading
+from physment_mcp.world.pictures.sketch import RING, SketchedPart, draw_part, draw_reading
 from physment_mcp.world.pictures.studio import HEIGHT, WIDTH, Ground, Studio
 from physment_mcp.world.readings import Array
 
@@ -52,7 +52,7 @@ class Shown(NamedTuple):
     """What can be drawn at the same time."""
 
     bodies: Sequence[ShownBody]
-    courses: Sequence[Course]
+    courses: Sequence[SketchedPart]
 
 
 class Moment(NamedTuple):
@@ -170,7 +170,7 @@ def _annotated(shown: Shown, moment: Moment, stage: _Stage) -> Overlay:
     places = {name: pose[:3] for name, pose in moment.poses.items()}
     places |= {name: read.position for name, read in moment.read.items()}
     for course in shown.courses:
-        draw_course(overlay, optics, course, places)
+        draw_part(overlay, optics, course, places)
     for read in moment.read.values():
         draw_reading(overlay, optics, read.position)
     named = named_corners(stage.model, stage.boxes(moment.poses), [body.name for body in shown.bodies if body.pose])

@@ -24,7 +24,7 @@ _READ: Colour = (150, 60, 10)
 _TASK: Colour = (90, 102, 120)
 
 
-class Course(NamedTuple):
+class SketchedPart(NamedTuple):
     """A cord, spring, rod, rail or pulley of the task."""
 
     kind: str
@@ -39,7 +39,7 @@ def draw_reading(overlay: Overlay, optics: Optics, position: Sequence[float]) ->
         _ring(overlay, centre, RING, _READ, dashed=True)
 
 
-def draw_course(overlay: Overlay, optics: Optics, course: Course, places: Mapping[str, Sequence[float]]) -> None:
+def draw_part(overlay: Overlay, optics: Optics, course: SketchedPart, places: Mapping[str, Sequence[float]]) -> None:
     """Draw a part of the task; nothing while one of its ends is unknown.
 
     Args:
