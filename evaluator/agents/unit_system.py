@@ -94,7 +94,10 @@ def _scaled(value: JsonValue, factor: float, *, inverse: bool) -> JsonValue:
         return [_scaled(part, factor, inverse=inverse) for part in value]
     if isinstance(value, dict):
         return {name: _scaled(part, factor, inverse=inverse) for name, part in value.items()}
-    return float(f"{value / factor if inverse else value * factor:.{_DIGITS}g}")
+    try:
+        return float(f"{value / factor if inverse else value * factor:.{_DIGITS}g}")
+    except OverflowError:  # an integer beyond all floats, which the laboratory refuses
+        return value
 
 
 def exchanged_schema(tool: str, schema: Mapping[str, Any], *, inverse: bool) -> dict[str, Any]:

@@ -92,6 +92,7 @@ def test_an_agent_meets_centimetres_and_the_laboratory_metres() -> None:
 def test_what_is_no_number_stays_and_so_does_a_refusal() -> None:
     assert exchanged("step", {"duration": "long", "other": 3}, inverse=True) == {"duration": "long", "other": 3}
     assert exchanged("create_objects", {"pos": [True, 1]}, inverse=True) == {"pos": [True, 0.01]}
+    assert exchanged("step", {"duration": 10**400}, inverse=True) == {"duration": 10**400}
     refused = Exchange(call=ToolCall(tool="step", arguments={}), returned=True, is_error=True, text="at most 60 s")
     shown = Translation((Change.UNITS,)).feedback(Feedback((refused,), "", 1)).exchanges[0]
     assert shown.text == "at most 60 s"
