@@ -126,7 +126,10 @@ def _results(dataset: str, played: Condition, run: RunRecord, pairs: Graded) -> 
     if not scored:
         return
     share = proportion((one.key.scene, record.grade.strict is Verdict.CORRECT) for one, record in scored)
+    plan = run.plan
     settings = {"budget": str(played.budget), "prompting": played.prompting, "protocol": played.protocol}
+    settings |= {"observations": plan.observations, "presentation": ",".join(plan.presentation) or "original"}
+    settings["scenes"] = "named" if plan.adaptive is None else "chosen adaptively, by the answers before"
     yield {
         "evaluation_result_id": _result_id(pairs[0][0].key),
         "evaluation_name": dataset,

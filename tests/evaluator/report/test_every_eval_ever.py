@@ -9,7 +9,7 @@ import pytest
 
 from evaluator.commands.program import main
 from evaluator.records.episode import Episode, GradeRecord, Verdict
-from evaluator.records.run import Plan, RunRecord, ServerRecord
+from evaluator.records.run import AdaptivePlan, Plan, RunRecord, ServerRecord
 from evaluator.report.every_eval_ever import Source, every_eval_ever
 from tests.builders.records import RIGHT, STARTED_AT, WRONG, episode, episode_key, refused, returned, skipped, turn
 
@@ -54,6 +54,21 @@ def test_each_collection_has_its_accuracy_with_an_interval() -> None:
     interval = score["uncertainty"]["confidence_interval"]
     assert interval["lower"] < 0.5 < interval["upper"]
     assert open_worlds["score_details"]["score"] == 1.0
+
+
+def test_a_result_states_how_scenes_were_presented_and_chosen() -> None:
+    run = run_of("model:a/b")
+    plan = run.plan.model_copy(
+        update={"presentation": ("names", "units"), "adaptive": AdaptivePlan(se=0.3, difficulties_sha256="0" * 64)}
+    )
+    for one, expected in (
+        (plan, ("names,units", "chosen adaptively, by the answers before")),
+        (run.plan, ("original", "named")),
+    ):
+        files = every_eval_ever(run.model_copy(update={"plan": one}), [graded(7)], SOURCE)
+        (result,) = json.loads(next(iter(files.values())))["evaluation_results"]
+        settings = result["generation_config"]["additional_details"]
+        assert (settings["presentation"], settings["scenes"]) == expected
 
 
 def test_samples_are_whole_and_refer_to_their_result() -> None:
