@@ -13,7 +13,7 @@ from mcp import Client
 from evaluator.certify.pictures import at_start
 from evaluator.certify.viewed_episode import viewed_episode
 from evaluator.episode.toolbox import shows_views, view_now
-from evaluator.films import film_of
+from evaluator.films.filming import film_of
 from physment_mcp.contract.names import VIEW_URI
 from physment_mcp.scene import load_scene, load_variants
 from physment_mcp.serving.frames import Frames, Painter
