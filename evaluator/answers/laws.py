@@ -18,10 +18,12 @@ from physment_mcp.contract.expressions import ExpressionError
 from physment_mcp.contract.stated_laws import PLACES, SPEEDS, StatedLaw
 from scenes.law_statements import Coordinate, LawModel
 
-LAW_GRADER_VERSION = "1"
+LAW_GRADER_VERSION = "2"
 """Version of these rules, stored with each grade of a law."""
 EQUIVALENT = 0.05
-"""Largest median error of the courses of an equivalent law, relative to how far the body moves."""
+"""Largest median error of the courses of an equivalent law, relative to how far the body moves.
+
+A median does not show an effect that few courses meet, so an equivalent law must not miss a dependence either."""
 _COURSES = 20
 """Number of courses within the reach of the laboratory, and beyond it."""
 _LEG_S, _LEGS, _LOOKS = 1.5, 2, 6
@@ -82,14 +84,15 @@ def grade_law(written: object, true: TrueLaw) -> LawGrade:
     except ExpressionError as error:
         return LawGrade(version=LAW_GRADER_VERSION, sha256=hash_of(written), equivalent=False, refused=str(error))
     own, other = true.motion, StatedMotion(stated, true.model.coordinates)
+    dependence_f1, missed = _dependences(own, other, true)
     within, beyond = (_error(own, other, courses_of(true, far=far)) for far in (False, True))
     return LawGrade(
         version=LAW_GRADER_VERSION,
         sha256=hash_of(written),
-        equivalent=max(within, beyond) <= EQUIVALENT,
+        equivalent=max(within, beyond) <= EQUIVALENT and not missed,
         error_within=within if math.isfinite(within) else None,
         error_beyond=beyond if math.isfinite(beyond) else None,
-        dependence_f1=_dependence_f1(own, other, true),
+        dependence_f1=dependence_f1,
         length=stated.length,
     )
 
@@ -263,8 +266,8 @@ def _advanced(slope: Callable[[float, list[float]], list[float]], time: float, y
 # Dependences
 
 
-def _dependence_f1(own: StatedMotion, other: StatedMotion, true: TrueLaw) -> float:
-    """Return the F1 score of the pairs of an acceleration and a quantity on which it depends.
+def _dependences(own: StatedMotion, other: StatedMotion, true: TrueLaw) -> tuple[float, int]:
+    """Return the F1 score of the pairs of an acceleration and a quantity on which it depends, and how many are missed.
 
     Quantities are each place, velocity and load, the time, and the past: what was before, at the same present.
     """
@@ -278,7 +281,7 @@ def _dependence_f1(own: StatedMotion, other: StatedMotion, true: TrueLaw) -> flo
             hits += depends and felt
             wrong += felt and not depends
             missed += depends and not felt
-    return 2 * hits / max(2 * hits + wrong + missed, 1)
+    return 2 * hits / max(2 * hits + wrong + missed, 1), missed
 
 
 def _effects(law: StatedMotion, true: TrueLaw) -> tuple[list[list[float]], list[float]]:

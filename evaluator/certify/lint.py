@@ -30,6 +30,7 @@ from scenes import (
     read_pack,
 )
 from scenes.draw import step_values
+from scenes.law_statements import UnstatableLawError, law_model
 from scenes.protocol import KIND, drawn_kind, load_solution
 
 REVEALING_WORDS = frozenset(
@@ -263,6 +264,15 @@ def _variants(files: PackFiles, pack: Pack, _mjcf: str) -> Iterator[str]:
         yield from drawn_parts.model_faults(files, pack)
 
 
+def _law(_files: PackFiles, pack: Pack, mjcf: str) -> Iterator[str]:
+    """Report an open world in which agents may state a law that no grader can compare."""
+    if pack.law_answer:
+        try:
+            law_model(mjcf)
+        except UnstatableLawError as error:
+            yield f"category open asks agents for the law, and it cannot be graded: {error}"
+
+
 def _model_faults(files: PackFiles, pack: Pack, mjcf: str) -> Iterator[str]:
     if abs(compiled_model.timestep(mjcf) - USUAL_TIMESTEP_S) > 1e-12:
         yield f'the time step is {compiled_model.timestep(mjcf)} s; scenes use timestep="{USUAL_TIMESTEP_S}"'
@@ -292,4 +302,5 @@ _RULES: tuple[Callable[[PackFiles, Pack, str], Iterator[str]], ...] = (
     _knobs,
     _present,
     _variants,
+    _law,
 )

@@ -249,7 +249,8 @@ class LawGrade(Record):
     sha256: str
     """First 16 digits of the hash of the law as JSON."""
     equivalent: bool
-    """Whether the law moves the objects like that of the laboratory: both errors below are at most 5 %."""
+    """Whether the law moves the objects like that of the laboratory: both errors below are at most 5 %, and no quantity
+    is missing on which an acceleration depends."""
     error_within: float | None = None
     """Median error of courses from random states under random loads within the laboratory's reach, relative to how far
     the objects move; null if the law has no finite course."""

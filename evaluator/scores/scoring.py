@@ -163,7 +163,7 @@ def grade_record(episode: Episode, keys: KeyRing) -> GradeRecord:
 
 
 def law_grade(episode: Episode, keys: KeyRing, stored: GradeRecord | None = None) -> LawGrade | None:
-    """Grade the law of an episode; None if it states none, or its scene asks for none.
+    """Grade the law of an episode; None if it states none, or its scene has none that can be stated.
 
     Args:
         episode: The recorded episode.

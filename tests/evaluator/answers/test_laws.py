@@ -106,6 +106,19 @@ def test_a_law_of_an_edited_record_that_cannot_be_read_is_graded_as_such(law: ob
     assert found.refused
 
 
+def test_a_law_without_an_effect_that_few_courses_meet_is_not_known() -> None:
+    true = RING.law(202, 1)
+    assert true is not None
+    law = json.loads(json.dumps(true.model.statement))
+    name = next(iter(law["state"]))
+    law["state"][name]["rate"] = "0"
+    found = graded(law, true)
+    assert found.error_within is not None
+    assert found.error_within < 0.01
+    assert found.dependence_f1 < 1
+    assert not found.equivalent
+
+
 def test_a_wrong_memory_is_found_out() -> None:
     true = RING.law(203, 1)
     assert true is not None

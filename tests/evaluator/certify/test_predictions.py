@@ -5,6 +5,7 @@ from typing import Any
 
 import pytest
 
+from evaluator.answers.keys import KeyRing
 from evaluator.certify.attempts import at_least, at_most, check_structure, check_tempting, check_unstageable
 from evaluator.certify.keys import check_instrument
 from evaluator.certify.lint import lint
@@ -285,3 +286,9 @@ def test_shares_are_exact_on_twenty_seeds_and_favour_the_scene_on_fewer() -> Non
     assert (at_most(0.2, 20, 20), at_most(1 / 3, 20, 20), at_least(2 / 3, 20, 20)) == (4, 6, 14)
     assert (at_most(0.2, 3, 3), at_most(0.6, 2, 2), at_least(2 / 3, 2, 2), at_least(0.5, 1, 2)) == (1, 2, 1, 0)
     assert at_least(0.5, 0, 20) == 0
+
+
+def test_an_open_world_whose_law_cannot_be_stated_is_reported_and_graded_without_it(author: Author) -> None:
+    files = author.write(Category.OPEN)
+    assert any("asks agents for the law, and it cannot be graded" in fault for fault in lint(files)), lint(files)
+    assert KeyRing(files.folder.parent).law(files.scene_id, 0) is None
