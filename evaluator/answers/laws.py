@@ -18,7 +18,7 @@ from physment_mcp.contract.expressions import ExpressionError
 from physment_mcp.contract.stated_laws import PLACES, SPEEDS, StatedLaw
 from scenes.law_statements import Coordinate, LawModel
 
-LAW_GRADER_VERSION = "2"
+LAW_GRADER_VERSION = "3"
 """Version of these rules, stored with each grade of a law."""
 EQUIVALENT = 0.05
 """Largest median error of the courses of an equivalent law, relative to how far the body moves.
@@ -39,6 +39,9 @@ _INDEPENDENT, _DEPENDENT, _FELT = 0.005, 0.02, 0.01
 and smallest effect that a stated law must have, all relative to the acceleration."""
 _TURN = 3.0
 """What stands for the radius where objects turn or nothing limits them [rad or m]."""
+MAX_WORK = 400_000_000
+"""Largest number of operations that grading a law takes: its length times the number of its evaluations. Only laws with
+states in laboratories with much more time than those of the suite need more."""
 _LONG_S = 30.0
 """What stands for the time of a laboratory that states no limit [s]."""
 
@@ -75,12 +78,16 @@ def stated_law(episode: Episode) -> Mapping[str, Any] | None:
 def grade_law(written: object, true: TrueLaw) -> LawGrade:
     """Grade a law. Never raises for any JSON value.
 
+    The duration is limited by `MAX_LENGTH` of stated laws and by `MAX_WORK`, so it takes seconds at most. Both count
+    operations and no time, so a grade is the same on every machine.
+
     Args:
         written: The law as the agent wrote it.
         true: The law of the laboratory.
     """
     try:
         stated = StatedLaw(written, true.objects)
+        _refuse_long_work(stated, true)
     except ExpressionError as error:
         return LawGrade(version=LAW_GRADER_VERSION, sha256=hash_of(written), equivalent=False, refused=str(error))
     own, other = true.motion, StatedMotion(stated, true.model.coordinates)
@@ -95,6 +102,28 @@ def grade_law(written: object, true: TrueLaw) -> LawGrade:
         dependence_f1=dependence_f1,
         length=stated.length,
     )
+
+
+def _refuse_long_work(law: StatedLaw, true: TrueLaw) -> None:
+    """Refuse a law whose grading would take too many operations."""
+    work = law.length * evaluations_of(true, has_states=bool(law.states))
+    if work > MAX_WORK:
+        raise ExpressionError(
+            f"it cannot be compared: that takes {work / 1e6:.0f} million operations, and at most {MAX_WORK / 1e6:.0f}"
+            " million are made"
+        )
+
+
+def evaluations_of(true: TrueLaw, *, has_states: bool) -> int:
+    """Return how often grading evaluates a law, at most."""
+    count = 2 * _COURSES * _LEGS * 4 * round(_LEG_S / _STEP_S) + _PROBES * (3 * len(true.model.coordinates) + 3)
+    if not has_states:
+        return count
+    held = [course.held_s for far in (False, True) for course in courses_of(true, far=far)]
+    variants = 3 * len(true.model.coordinates) + 2
+    lab_time = true.lab_time or _LONG_S
+    held += _PROBES * [*[_CLAMPED_S] * variants, _CLAMPED_S + lab_time]
+    return count + 4 * sum(math.ceil(lasting / _HELD_STEP_S) for lasting in held)
 
 
 def hash_of(written: object) -> str:

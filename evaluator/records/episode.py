@@ -261,7 +261,8 @@ class LawGrade(Record):
     length: int = 0
     """Length of the description: the number of names, numbers, operators and functions."""
     refused: str = ""
-    """Why the law cannot be read; the laboratory refuses such laws, so this needs an edited record."""
+    """Why the law cannot be read or compared; empty for other laws. The laboratory refuses laws that cannot be read, so
+    this needs an edited record, an older version, or a laboratory with very much time."""
 
 
 class GradeRecord(Record):

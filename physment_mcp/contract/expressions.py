@@ -78,6 +78,9 @@ class Language:
     has_factors_side_by_side: bool = False
     """Whether `2 x` is a product (implicit multiplication)."""
     unknown: str = "the name {!r} is unknown here"
+    keeps_code: bool = True
+    """Whether compiled code is cached. That of texts that agents write is not: they would fill the cache, and evict the
+    laws of packs."""
 
     def read(
         self, text: str, names: Collection[str], respell: Callable[[list[Token]], list[Token]] = list[Token]
@@ -115,7 +118,8 @@ class Language:
             ExpressionError: The expressions are too long to be compiled.
         """
         try:
-            code = _code(self, (*names, *constants), tuple(let.items()), tuple(results))
+            made = _kept_code if self.keeps_code else _code
+            code = made(self, (*names, *constants), tuple(let.items()), tuple(results))
         except (RecursionError, MemoryError) as error:
             raise ExpressionError("it is too long") from error
         functions = {name: function for name, (function, _, _) in self.functions.items()} | dict(self.operators)
@@ -310,7 +314,6 @@ _BUILDERS: Mapping[str, Callable[[list[ast.expr]], ast.expr]] = {
 }
 
 
-@functools.lru_cache(512)
 def _code(
     language: Language, arguments: tuple[str, ...], let: tuple[tuple[str, Node], ...], results: tuple[Node, ...]
 ) -> CodeType:
@@ -338,3 +341,6 @@ def _code(
     takes = ast.arguments([], [ast.arg(name) for name in arguments], kwonlyargs=[], kw_defaults=[], defaults=[])
     whole = ast.fix_missing_locations(ast.Expression(ast.Lambda(takes, body)))
     return eval(compile(whole, "<expression>", "eval"), {}).__code__  # noqa: S307 - makes the function, runs nothing
+
+
+_kept_code = functools.lru_cache(512)(_code)

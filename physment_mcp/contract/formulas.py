@@ -13,6 +13,8 @@ from typing import NamedTuple
 from physment_mcp.contract.expressions import FUNCTIONS, Compiled, ExpressionError, Language, Node, names_in
 
 _LAWS = Language()
+WRITTEN_BY_AGENTS = Language(keeps_code=False)
+"""The language of laws, for texts that agents write."""
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9]*(_[A-Za-z0-9]+)*")
 
 
@@ -26,6 +28,7 @@ class Formulas:
         results: Field → expression of the result.
         chosen: Further names whose values are passed, which are checked, because the author of the expressions chose
             them.
+        language: `WRITTEN_BY_AGENTS` for texts of agents.
 
     Raises:
         ExpressionError: An expression contains an unknown name or something that is not allowed, or a name is taken.
@@ -38,7 +41,9 @@ class Formulas:
         let: Mapping[str, str],
         results: Mapping[str, str],
         chosen: Collection[str] = (),
+        language: Language = _LAWS,
     ) -> None:
+        self._language = language
         known = {"pi", *names}
         for name in chosen:
             _refuse_name("state", name, known)
@@ -72,7 +77,7 @@ class Formulas:
         Args:
             arguments: Names of the function's parameters; must contain all names in `used`.
         """
-        return _LAWS.compiled(arguments, [*self._results.values()], self._let, self._constants)
+        return self._language.compiled(arguments, [*self._results.values()], self._let, self._constants)
 
     def join(self, number: int, part: "Part", let: dict[str, Node], constants: dict[str, float]) -> None:
         """Add these formulas to the `let` and `constants` of a joint function, under unique names."""
@@ -85,11 +90,17 @@ class Formulas:
 
     def fault(self, arguments: Sequence[str], values: Sequence[float]) -> str | None:
         """Name the first field without a finite value at `values`, and the reason; None if all are finite."""
-        let = [*self._let.items()]
-        fields = [(f"let.{name}", tree, dict(let[:number])) for number, (name, tree) in enumerate(let)]
-        for field, tree, before in [*fields, *((field, tree, self._let) for field, tree in self._results.items())]:
-            if reason := _reason(_LAWS.compiled(arguments, [tree], before, self._constants), values):
-                return f"{field}: {reason}"
+        known, found = [*arguments], [*values]
+        for name, tree in self._let.items():
+            value = _value(self._language.compiled(known, [tree], {}, self._constants), found)
+            if isinstance(value, str):
+                return f"let.{name}: {value}"
+            known.append(name)
+            found.append(value)
+        for field, tree in self._results.items():
+            value = _value(self._language.compiled(known, [tree], {}, self._constants), found)
+            if isinstance(value, str):
+                return f"{field}: {value}"
         return None
 
 
@@ -153,8 +164,8 @@ def _renamed(node: Node, names: Mapping[str, str]) -> Node:
     return node._replace(parts=tuple([_renamed(part, names) for part in node.parts])) if node.parts else node
 
 
-def _reason(function: Compiled, values: Sequence[float]) -> str | None:
-    """The reason why a function has no finite result at these values; None if it has one."""
+def _value(function: Compiled, values: Sequence[float]) -> float | str:
+    """Return the result of a function at these values; the reason if it has no finite one."""
     try:
         (result,) = function(*values)
     except ZeroDivisionError:
@@ -163,7 +174,7 @@ def _reason(function: Compiled, values: Sequence[float]) -> str | None:
         return "a number becomes too large"
     except ValueError:
         return "a function or a power is not defined for its arguments"
-    return None if math.isfinite(result) else f"the value is {result}"
+    return result if math.isfinite(result) else f"the value is {result}"
 
 
 def _refuse_name(field: str, name: str, taken: Collection[str]) -> None:

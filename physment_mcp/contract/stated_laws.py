@@ -14,7 +14,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, cast
 
 from physment_mcp.contract.expressions import ExpressionError
-from physment_mcp.contract.formulas import Formulas
+from physment_mcp.contract.formulas import WRITTEN_BY_AGENTS, Formulas
 
 PLACES, SPEEDS = ("x", "y", "z", "angle"), ("vx", "vy", "vz", "spin")
 """Coordinates of an object [m, rad], each of which may have an acceleration, and their rates [m/s, rad/s]."""
@@ -23,6 +23,9 @@ LOADS = ("push_x", "push_y", "push_z", "turn_x", "turn_y", "turn_z")
 
 MAX_CHARS = 4000
 """Largest number of characters of all expressions of a law together."""
+MAX_LENGTH = 1000
+"""Largest number of names, numbers, operators and functions of a law. Grading evaluates a law about 50,000 times, and
+150,000 times if it has states. The laws of the suite have 50 to 125."""
 MAX_LET, MAX_STATES = 40, 16
 """Largest numbers of auxiliary quantities and of states."""
 _PROBES = 12
@@ -104,9 +107,13 @@ class StatedLaw:
         """States by name, with their values at the start of the episode, in the order of `rates`."""
         self.arguments = ["t", *variables(objects), *states]
         """Names of the arguments of `rates`."""
-        self._formulas = Formulas(self.arguments[: -len(states) or None], {}, let, results, states)
+        given = self.arguments[: -len(states) or None]
+        self._formulas = Formulas(given, {}, let, results, states, WRITTEN_BY_AGENTS)
         self.length = self._formulas.length
         """Length of the description: the number of names, numbers, operators and functions."""
+        if self.length > MAX_LENGTH:
+            counted = "names, numbers, operators and functions"
+            raise ExpressionError(f"it has {self.length} {counted}; at most {MAX_LENGTH} are allowed in all")
         self.used = frozenset(self._formulas.used)
         """The arguments that occur in the law."""
         self.rates = self._formulas.function(self.arguments)

@@ -1,14 +1,16 @@
 """Tests of the grades of laws: what counts as knowing a law, and that how a law is written does not matter."""
 
 import copy
+import itertools
 import json
 from typing import Any
 
 import pytest
 
 from evaluator.answers.keys import KeyRing
-from evaluator.answers.laws import TrueLaw, grade_law, stated_law
+from evaluator.answers.laws import MAX_WORK, StatedMotion, TrueLaw, evaluations_of, grade_law, stated_law
 from evaluator.records.episode import LawGrade, Outcome
+from physment_mcp.contract.stated_laws import MAX_LENGTH
 from scenes import one_world
 from tests.builders.records import episode, refused, returned, turn
 
@@ -97,6 +99,40 @@ def test_a_law_of_enormous_values_is_graded(text: str) -> None:
     found = graded(law)
     assert not found.equivalent
     json.dumps(found.model_dump(), allow_nan=False)
+
+
+def test_a_law_whose_grading_would_take_too_long_is_refused_in_one_sentence() -> None:
+    assert TRUE is not None
+    slow = TRUE._replace(lab_time=3600.0)
+    states = {"way": {"start": 0, "rate": "+".join(["t"] * 100)}}
+    law = {"acceleration": {"object_1": {"x": "way"}}, "state": states}
+    assert graded(law).refused == ""
+    millions = round(200 * evaluations_of(slow, has_states=True) / 1e6)
+    sentence = f"it cannot be compared: that takes {millions} million operations, and at most 400 million are made"
+    assert graded(law, slow).refused == sentence
+    assert graded({"acceleration": {"object_1": {"x": "+".join(["t"] * 100)}}}, slow).refused == ""
+
+
+@pytest.mark.parametrize("scene", [201, 202, 205])
+def test_no_law_that_the_laboratory_accepts_takes_too_long_in_the_suite(scene: int) -> None:
+    true = RING.law(scene, 1)
+    assert true is not None
+    assert MAX_LENGTH * evaluations_of(true, has_states=True) <= MAX_WORK
+
+
+@pytest.mark.parametrize("scene", [201, 203])
+def test_the_number_of_evaluations_is_known_before(scene: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    true, made, rates = RING.law(scene, 1), itertools.count(), StatedMotion.rates
+    assert true is not None
+
+    def counting(law: StatedMotion, *now: Any) -> tuple[list[float], list[float]]:
+        next(made)
+        return rates(law, *now)
+
+    monkeypatch.setattr(StatedMotion, "rates", counting)
+    graded(true.model.statement, true)
+    known = evaluations_of(true, has_states="state" in true.model.statement)
+    assert 0.7 * known <= next(made) / 2 <= known  # both laws are evaluated
 
 
 @pytest.mark.parametrize("law", ["x", {}, {"acceleration": {"object_1": {"x": "nonsense"}}}, [1], 3.5])

@@ -1,8 +1,10 @@
 """Tests of laws as agents state them: what they mean, and which are refused with one sentence."""
 
+import gc
 import json
 import math
 import time
+import weakref
 from typing import Any
 
 import pytest
@@ -11,7 +13,7 @@ from hypothesis import strategies as st
 from jsonschema import Draft202012Validator
 
 from physment_mcp.contract.expressions import ExpressionError
-from physment_mcp.contract.stated_laws import MAX_CHARS, MAX_LET, MAX_STATES, SCHEMA, StatedLaw
+from physment_mcp.contract.stated_laws import MAX_CHARS, MAX_LENGTH, MAX_LET, MAX_STATES, SCHEMA, StatedLaw
 
 OBJECTS = ["object_1", "object_2"]
 LAW: dict[str, Any] = {
@@ -128,6 +130,23 @@ def test_a_law_is_refused_in_a_moment_however_it_is_written() -> None:
         except ExpressionError:
             continue
     assert time.process_time() - before < 5
+
+
+def test_a_law_of_too_many_operations_is_refused() -> None:
+    let = {f"a{n}": "+".join(["t"] * 100) for n in range(4)}  # 199 names and operators each
+    longest = x("a0 + a1 + a2 + a3", let={**let, "a4": "+".join(["t"] * 99)})
+    assert StatedLaw(longest, OBJECTS).length == MAX_LENGTH
+    longer = {**longest, "let": {**longest["let"], "a4": "+".join(["t"] * 100)}}
+    sentence = "it has 1002 names, numbers, operators and functions; at most 1000 are allowed in all"
+    assert refusal(longer) == sentence
+
+
+def test_the_code_of_a_law_of_an_agent_is_not_kept() -> None:
+    law = StatedLaw(x("sin(t)"), OBJECTS)
+    code = weakref.ref(law.rates.__code__)
+    del law
+    gc.collect()
+    assert code() is None
 
 
 JSON = st.recursive(
