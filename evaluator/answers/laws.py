@@ -8,14 +8,14 @@ import hashlib
 import json
 import math
 import random
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
 from statistics import median
 from typing import Any, NamedTuple
 
+from evaluator.answers.law_motion import LEG_STEPS, LoadPlan, StatedMotion, held_steps
 from evaluator.records.episode import Episode, LawGrade, Outcome
 from physment_mcp.contract.expressions import ExpressionError
-from physment_mcp.contract.stated_laws import PLACES, SPEEDS, StatedLaw
+from physment_mcp.contract.stated_laws import StatedLaw
 from scenes.law_statements import Coordinate, LawModel
 
 LAW_GRADER_VERSION = "3"
@@ -26,10 +26,8 @@ EQUIVALENT = 0.05
 A median does not show an effect that few courses meet, so an equivalent law must not miss a dependence either."""
 _COURSES = 20
 """Number of courses within the reach of the laboratory, and beyond it."""
-_LEG_S, _LEGS, _LOOKS = 1.5, 2, 6
-"""Duration of a leg with a constant load [s], legs of a course, and looks at a leg."""
-_STEP_S, _HELD_STEP_S = 0.01, 0.05
-"""Steps of the integration of a course, and of states while the objects are held [s]."""
+_LEGS = 2
+"""Number of legs of a course."""
 _LEAST = 0.2
 """Smallest scale of a course's error, relative to the median course."""
 _PROBES, _CLAMPED_S = 24, 3.0
@@ -56,7 +54,7 @@ class TrueLaw(NamedTuple):
     """Ids of the objects that an agent can name."""
 
     @property
-    def motion(self) -> "StatedMotion":
+    def motion(self) -> StatedMotion:
         """The motion of the objects by the law."""
         return StatedMotion(StatedLaw(self.model.statement, self.objects), self.model.coordinates)
 
@@ -116,14 +114,14 @@ def _refuse_long_work(law: StatedLaw, true: TrueLaw) -> None:
 
 def evaluations_of(true: TrueLaw, *, has_states: bool) -> int:
     """Return how often grading evaluates a law, at most."""
-    count = 2 * _COURSES * _LEGS * 4 * round(_LEG_S / _STEP_S) + _PROBES * (3 * len(true.model.coordinates) + 3)
+    count = 2 * _COURSES * _LEGS * 4 * LEG_STEPS + _PROBES * (3 * len(true.model.coordinates) + 3)
     if not has_states:
         return count
     held = [course.held_s for far in (False, True) for course in courses_of(true, far=far)]
     variants = 3 * len(true.model.coordinates) + 2
     lab_time = true.lab_time or _LONG_S
     held += _PROBES * [*[_CLAMPED_S] * variants, _CLAMPED_S + lab_time]
-    return count + 4 * sum(math.ceil(lasting / _HELD_STEP_S) for lasting in held)
+    return count + 4 * sum(map(held_steps, held))
 
 
 def hash_of(written: object) -> str:
@@ -132,16 +130,6 @@ def hash_of(written: object) -> str:
 
 
 # Courses
-
-
-class LoadPlan(NamedTuple):
-    """A start and the loads of each leg, a number for each coordinate."""
-
-    held_s: float
-    """Time for which the objects are held at the start [s]."""
-    places: list[float]
-    speeds: list[float]
-    loads: list[list[float]]
 
 
 def courses_of(true: TrueLaw, *, far: bool) -> list[LoadPlan]:
@@ -171,7 +159,7 @@ def _vectors(source: random.Random, coordinates: Sequence[Coordinate], low: floa
     return found
 
 
-def _error(own: "StatedMotion", other: "StatedMotion", courses: Sequence[LoadPlan]) -> float:
+def _error(own: StatedMotion, other: StatedMotion, courses: Sequence[LoadPlan]) -> float:
     """Return the median error of the courses of a law, relative to the motion; infinite where it has none."""
     true, stated = ([law.followed(course) for course in courses] for law in (own, other))
     pairs = [(a, b, course) for a, b, course in zip(true, stated, courses, strict=True) if a is not None]
@@ -203,93 +191,6 @@ def _spread(first: Sequence[Sequence[float]], second: Sequence[Sequence[float]])
 def _squared(value: float) -> float:
     """Return the square, which is infinite where a power would raise OverflowError."""
     return value * value
-
-
-@dataclass
-class StatedMotion:
-    """The motion of the objects by a law."""
-
-    law: StatedLaw
-    coordinates: Sequence[Coordinate]
-
-    def __post_init__(self) -> None:
-        at, found = self.law.arguments.index, self.law.components
-        axes = [(one.body, one.axis, dict(zip(PLACES, SPEEDS, strict=True))[one.axis]) for one in self.coordinates]
-        self._places = [at(f"{body}_{axis}") for body, axis, _ in axes]
-        self._speeds = [at(f"{body}_{speed}") for body, _, speed in axes]
-        self._loads = [at(f"{body}_{'turn_z' if axis == 'angle' else f'push_{axis}'}") for body, axis, _ in axes]
-        self._results = [found.index((body, axis)) if (body, axis) in found else None for body, axis, _ in axes]
-        self._count, self._first = len(axes), len(self.law.arguments) - len(self.law.states)
-        self.start = list(self.law.states.values())
-
-    def rates(
-        self, time: float, seen: Sequence[float], states: Sequence[float], loads: Sequence[float]
-    ) -> tuple[list[float], list[float]]:
-        """Return the accelerations and the rates of the states.
-
-        Args:
-            time: Time since the start [s].
-            seen: Places, then velocities.
-            states: Values of the states.
-            loads: Forces and torques.
-
-        Raises:
-            ArithmeticError: The law has no value there.
-            ValueError: As for ArithmeticError.
-        """
-        values = [0.0] * len(self.law.arguments)
-        values[0], values[self._first :] = time, states
-        for n in range(self._count):
-            values[self._places[n]], values[self._speeds[n]] = seen[n], seen[self._count + n]
-            values[self._loads[n]] = loads[n]
-        found = self.law.rates(*values)
-        return [0.0 if at is None else found[at] for at in self._results], list(found[len(self.law.components) :])
-
-    def clamped(self, seen: Sequence[float], lasting: float) -> list[float]:
-        """Return the states after objects were clamped at places and velocities, from the start of the episode."""
-        states, none = list(self.start), [0.0] * self._count
-        if not states or not lasting:
-            return states
-        count = math.ceil(lasting / _HELD_STEP_S)
-        h = lasting / count
-
-        def slope(time: float, now: list[float]) -> list[float]:
-            return self.rates(time, seen, now, none)[1]
-
-        for number in range(count):
-            states = _advanced(slope, number * h, states, h)
-        return states
-
-    def followed(self, course: LoadPlan) -> list[list[float]] | None:
-        """Return places and velocities at each look of a course; None if the law has no finite course."""
-        time, looks, seen = course.held_s, list[list[float]](), [*course.places, *course.speeds]
-        h = _LEG_S / _LOOKS / round(_LEG_S / _LOOKS / _STEP_S)
-        try:
-            whole = seen + self.clamped([*course.places, *[0.0] * self._count], time)
-            for loads in course.loads:
-
-                def slope(now: float, y: list[float], loads: Sequence[float] = loads) -> list[float]:
-                    split = 2 * self._count
-                    accelerations, changes = self.rates(now, y[:split], y[split:], loads)
-                    return [*y[self._count : split], *accelerations, *changes]
-
-                for step in range(1, round(_LEG_S / h) + 1):
-                    whole = _advanced(slope, time, whole, h)
-                    time += h
-                    if step * _LOOKS % round(_LEG_S / h) == 0:
-                        looks.append(whole[: 2 * self._count])
-        except (ArithmeticError, ValueError):
-            return None
-        return looks if all(map(math.isfinite, looks[-1])) else None
-
-
-def _advanced(slope: Callable[[float, list[float]], list[float]], time: float, y: list[float], h: float) -> list[float]:
-    """Do one Runge-Kutta step of fourth order."""
-    a = slope(time, y)
-    b = slope(time + h / 2, [v + h / 2 * k for v, k in zip(y, a, strict=True)])
-    c = slope(time + h / 2, [v + h / 2 * k for v, k in zip(y, b, strict=True)])
-    d = slope(time + h, [v + h * k for v, k in zip(y, c, strict=True)])
-    return [v + h / 6 * (p + 2 * q + 2 * r + s) for v, p, q, r, s in zip(y, a, b, c, d, strict=True)]
 
 
 # Dependences

@@ -11,14 +11,13 @@ import math
 import re
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field
-from types import CodeType, FunctionType
+from types import CodeType, FunctionType, MappingProxyType
 from typing import Any, NamedTuple
 
 Compiled = Callable[..., tuple[Any, ...]]
 """Function of the values of the names, by position, that returns one value for each expression."""
 Token = tuple[str, str]
 """Kind of the token (number, name, text, sign) and its text."""
-
 MAX_DEPTH = 30
 """Largest nesting depth of brackets, functions, signs, powers and conditions."""
 
@@ -47,7 +46,6 @@ FUNCTIONS: Mapping[str, tuple[Callable[..., Any], int, int]] = {
 
 SIGNS = frozenset("+-*/%(),<>") | {"**", "<=", ">=", "==", "!=", "if", "else", "and", "or", "not"}
 """Operators and keywords of arithmetic with conditions."""
-_NONE: Mapping[str, Any] = {}
 
 
 class ExpressionError(ValueError):
@@ -79,8 +77,7 @@ class Language:
     """Whether `2 x` is a product (implicit multiplication)."""
     unknown: str = "the name {!r} is unknown here"
     keeps_code: bool = True
-    """Whether compiled code is cached. That of texts that agents write is not: they would fill the cache, and evict the
-    laws of packs."""
+    """Whether compiled code is cached; not for texts of agents, which would evict the laws of packs."""
 
     def read(
         self, text: str, names: Collection[str], respell: Callable[[list[Token]], list[Token]] = list[Token]
@@ -101,8 +98,8 @@ class Language:
         self,
         names: Sequence[str],
         results: Sequence[Node],
-        let: Mapping[str, Node] = _NONE,
-        constants: Mapping[str, float] = _NONE,
+        let: Mapping[str, Node] = MappingProxyType({}),
+        constants: Mapping[str, float] = MappingProxyType({}),
     ) -> Compiled:
         """Compile expressions to one function that computes all results.
 
@@ -118,8 +115,8 @@ class Language:
             ExpressionError: The expressions are too long to be compiled.
         """
         try:
-            made = _kept_code if self.keeps_code else _code
-            code = made(self, (*names, *constants), tuple(let.items()), tuple(results))
+            build = _code if self.keeps_code else _code.__wrapped__
+            code = build(self, (*names, *constants), tuple(let.items()), tuple(results))
         except (RecursionError, MemoryError) as error:
             raise ExpressionError("it is too long") from error
         functions = {name: function for name, (function, _, _) in self.functions.items()} | dict(self.operators)
@@ -176,8 +173,7 @@ class _Reader:
 
     def __init__(self, tokens: Sequence[Token], language: Language, names: Collection[str]) -> None:
         self._tokens = (*tokens, ("end", ""))
-        self._language = language
-        self._names = names
+        self._language, self._names = language, names
         self._at = 0
 
     def _next(self) -> Token:
@@ -314,6 +310,7 @@ _BUILDERS: Mapping[str, Callable[[list[ast.expr]], ast.expr]] = {
 }
 
 
+@functools.lru_cache(512)
 def _code(
     language: Language, arguments: tuple[str, ...], let: tuple[tuple[str, Node], ...], results: tuple[Node, ...]
 ) -> CodeType:
@@ -341,6 +338,3 @@ def _code(
     takes = ast.arguments([], [ast.arg(name) for name in arguments], kwonlyargs=[], kw_defaults=[], defaults=[])
     whole = ast.fix_missing_locations(ast.Expression(ast.Lambda(takes, body)))
     return eval(compile(whole, "<expression>", "eval"), {}).__code__  # noqa: S307 - makes the function, runs nothing
-
-
-_kept_code = functools.lru_cache(512)(_code)

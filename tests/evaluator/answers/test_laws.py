@@ -8,7 +8,8 @@ from typing import Any
 import pytest
 
 from evaluator.answers.keys import KeyRing
-from evaluator.answers.laws import MAX_WORK, StatedMotion, TrueLaw, evaluations_of, grade_law, stated_law
+from evaluator.answers.law_motion import StatedMotion
+from evaluator.answers.laws import MAX_WORK, TrueLaw, evaluations_of, grade_law, stated_law
 from evaluator.records.episode import LawGrade, Outcome
 from physment_mcp.contract.stated_laws import MAX_LENGTH
 from scenes import one_world
