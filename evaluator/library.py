@@ -1,6 +1,6 @@
 """Functions of the public interface: play an episode, grade it, score it, load a run folder, read a split.
 
-They do what the commands do, without files, console output or retries.
+They do the same as the commands, but write no files, print nothing and do not retry.
 """
 
 import functools

@@ -1,4 +1,4 @@
-"""Protection of web pages that only this machine may request: checks of the Host and Origin headers, as middleware."""
+"""Middleware for web pages that only programs on this machine may request. It checks the Host and Origin headers."""
 
 from collections.abc import Collection, Mapping
 

@@ -1,4 +1,7 @@
-"""The program `physment-mcp`. During the other imports, which take a second, Ctrl-C ends the process at once."""
+"""The program `physment-mcp`.
+
+Its imports take about a second. During them, Ctrl-C ends the process at once, without a traceback.
+"""
 
 import signal
 import sys

@@ -99,7 +99,7 @@ def velocity(object_id: str, axis: int) -> Channel:
 
 
 def accepted(exchanges: Exchanges) -> Iterator[tuple[Call, Reading]]:
-    """Return the successful calls with their results."""
+    """Yield the successful calls with their results."""
     return ((asked, reading) for asked, reading in exchanges if reading and "error" not in reading)
 
 
@@ -188,7 +188,7 @@ class Laws:
         return cost, {name: float(value) for name, value in self.constants(structure, unit).items()}
 
     def _followed(self, course: Course, structure: str, unit: Array, parts: Sequence[float]) -> Array:
-        """Fit growing parts of the course in sequence; the parts are given as fractions of its legs."""
+        """Fit growing parts of the course, given as fractions of its legs, each from the result of the previous one."""
         for share in parts:
             part = course.first(max(1, round(share * len(course.durations))))
 
@@ -214,7 +214,7 @@ class Laws:
                 break
             again = {structure: self.fitted(course, structure, search) for structure in self.structures}
             fits = {name: min(fits[name], again[name], key=lambda fit: fit[0]) for name in fits}
-            # A course that none of the laws made, such as one with a catch in it, would be searched in vain.
+            # No search can fit a course that none of the laws produced, for example one during which a catch acted.
             if min(cost for cost, _ in fits.values()) > _IN_VAIN * before:
                 break
         return fits
@@ -265,7 +265,7 @@ class Laws:
             states = follow(course, structure, knobs, trials, by_legs)
             misfit = (states[:, :size] - course.readings[:, :, None]) / (spread * np.array(self.sigma)[:, None])
         unread = np.asarray(np.isnan(course.readings))
-        if by_legs:  # a leg that begins at an unknown place says nothing
+        if by_legs:  # a leg that starts at an unread position cannot be predicted
             lost = np.concatenate([[False], unread[:-1].any(axis=1)])
             unread = unread | lost[:, None]
         misfit = np.where(unread[:, :, None], 0.0, np.clip(np.nan_to_num(misfit, nan=_BOUND), -_BOUND, _BOUND))
@@ -281,7 +281,7 @@ class Laws:
         return states.transpose(1, 0, 2)
 
     def _all_legs(self, course: Course, structure: str, knobs: Knobs, trials: int, by_legs: bool) -> Array:
-        """Integrate the legs in sequence; returns the state after each. `by_legs` resets states to their readings."""
+        """Integrate the legs in sequence; returns the state after each. `by_legs` starts each leg from its readings."""
         state = np.array(self.start)[:, None] + np.zeros(trials)
         time, states, size = 0.0, list[Array](), len(self.sigma)
         for duration, control, reading in zip(course.durations, course.controls, course.readings, strict=True):

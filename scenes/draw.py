@@ -96,7 +96,7 @@ def evaluate(files: PackFiles, field: str, expression: Expression, values: Mappi
 
 def _power(base: float, exponent: float) -> float:
     if isinstance(base, int) and isinstance(exponent, int) and abs(base) > 1:
-        # Python's powers of whole numbers have as many digits as it takes, so the size is estimated before.
+        # Powers of integers may have any number of digits, so the size of the result is estimated first.
         _refuse_large(exponent * math.log2(abs(base)), math.log2(_LARGEST))
     return base**exponent
 

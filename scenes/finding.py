@@ -1,4 +1,4 @@
-"""Finds the pack of a scene id, in a folder of packs or generated from the record of a world; its split, its model."""
+"""Finds the files of a scene by its id: a pack in a folder, or a pack generated from the record of a world."""
 
 from pathlib import Path
 
@@ -21,7 +21,7 @@ def find_pack(scene_id: int, folder: Path | None = None) -> PackFiles:
         PackError: There is no such pack; the message lists the ids of all packs.
     """
     folder = folder or default_folder()
-    if not is_world(scene_id) or (folder / f"Scene{scene_id}").is_dir():  # an exported world is there as a pack
+    if not is_world(scene_id) or (folder / f"Scene{scene_id}").is_dir():  # an exported world is stored as a pack
         return listed_pack(scene_id, folder)
     try:
         from scenes.worlds.expansion import find_world  # noqa: PLC0415 - it loads numpy and scipy, which takes 0.3 s
@@ -48,7 +48,7 @@ def is_in_split(scene_id: int, split: Split, folder: Path | None = None) -> bool
 
 
 def model_without_walls(scene_id: int, seed: int, folder: Path | None = None) -> str:
-    """Return the model of a scene with its drawn laws; that of a world without its wall.
+    """Return the model of a scene with its drawn laws, without the wall if the scene is a world.
 
     Raises:
         PackError: There is no such pack, or it is malformed.

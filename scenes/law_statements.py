@@ -15,7 +15,7 @@ from physment_mcp.contract.expressions import FUNCTIONS, ExpressionError, Langua
 from physment_mcp.contract.stated_laws import LOADS, PLACES, SPEEDS
 
 CATCH = "gate"
-"""Name of the body whose laws catch what comes to a rim; a statement leaves them out."""
+"""Name of the body whose laws catch an object at the rim of the floor. Statements omit these laws."""
 _AXES = ("x", "y", "z")
 _LANGUAGE = Language()
 _QUANTITIES = (*PLACES, *SPEEDS, *LOADS)
@@ -79,7 +79,7 @@ class _Statement:
         return _number(known.place[_AXES.index(quantity)] if quantity in _AXES else 0.0)
 
     def _defined(self, name: str, node: Node) -> Node:
-        """Define an auxiliary quantity, renamed if its name has another meaning; return what stands for it."""
+        """Define an auxiliary quantity, under a new name if the name is taken; return the node that refers to it."""
         if _value(node) is not None or node.head == "name":
             return node
         chosen, number = name, 1
@@ -139,7 +139,7 @@ class _Statement:
 
 
 def statement_of(mjcf: str) -> dict[str, Any]:
-    """Return the law of a model, without that of a rim, as an agent would state it.
+    """Return the law of a model as an agent would state it, without the laws that catch objects at a rim.
 
     Args:
         mjcf: The model's XML text, with drawn values and laws.
@@ -161,7 +161,7 @@ def statement_of(mjcf: str) -> dict[str, Any]:
 
 
 _FORCES = {"stiffness", "damping", "frictionloss", "armature", "gravcomp", "fluidshape"}
-"""Attributes that make something besides the laws act."""
+"""MuJoCo attributes by which the engine applies forces that are not laws."""
 
 
 def _bodies(root: ET.Element) -> Iterator[tuple[str, _Body]]:
@@ -246,7 +246,7 @@ def folded(node: Node) -> Node:
 
 
 def _simpler(node: Node, parts: tuple[Node, ...], values: list[float | None]) -> Node:
-    """Leave out a neutral operand of an operation."""
+    """Remove a neutral operand, such as `+ 0` or `* 1`, from an operation."""
     head, first, last = node.head, values[0], values[-1]
     if (head == "*" and 0 in values) or (head == "/" and first == 0):
         return _ZERO

@@ -126,7 +126,7 @@ class Pair:
             return n * speed - other if self.held == 0 else n * other - speed
 
         def passed(other: float) -> float:
-            """Return the force that the joint transmits."""
+            """Return the force that the joint transmits if the other body has a speed."""
             return float(joint(knobs, slip(other), other if self.held == 0 else speed))
 
         def excess(other: float) -> float:
@@ -148,7 +148,7 @@ class Pair:
     def driven(
         self, first: float, greatest: float, brisk: float, levels: Sequence[tuple[float, float]], times: Sequence[float]
     ) -> Generator[list[Call], list[Reading], list[tuple[Call, Reading]]]:
-        """Increase the push until the first body moves, then push back and forth between the nets.
+        """Increase the push until the first body moves, then push the bodies back and forth without touching the nets.
 
         Args:
             first: Initial force [N].
@@ -177,7 +177,7 @@ class Pair:
     def _chosen(
         self, level: Array, sense: float, times: Sequence[float], course: Course, top: float
     ) -> tuple[Array, float]:
-        """Choose pushes and duration of a leg: forwards if the nets are far, else backwards, else zero."""
+        """Choose pushes and duration of a leg: forwards if no net is touched, else backwards, else braking."""
         response = _response(course, top)
         stop = -top * np.sign(course.readings[-1, 2:])
         for pushes, duration in [
@@ -189,7 +189,7 @@ class Pair:
         return stop, times[-1]
 
     def _clear(self, reading: Array, pushes: Array, duration: float, response: Array) -> bool:
-        """Return whether both bodies stay off the nets during the pushes, and if the pushes are then reversed."""
+        """Predict whether both bodies stay off the nets during the pushes, and while reversed pushes stop them."""
         places, speeds = reading[:2].copy(), reading[2:].copy()
         room = np.maximum(0.85 * self.net, np.abs(places))
         pushed = np.array([1.0, self.pushed - 1.0])
@@ -218,13 +218,16 @@ def _response(course: Course, top: float) -> Array:
 
 
 def kept_speed(engine: Any, held: int, speeds: Sequence[float], seconds: float) -> list[float]:
-    """Measure in the engine the other body's speed, and the force on a body that a huge mass keeps at its speed.
+    """Measure, in the engine, the steady state of a pair while one body is kept at a speed by a huge mass.
 
     Args:
         engine: The engine at the drawn values.
         held: Index of the body that is kept at its speed.
         speeds: Initial speeds of both [m/s].
         seconds: Time after which the force is computed from the loss of speed during one more second.
+
+    Returns:
+        The speed of the other body, and the force on the kept body.
     """
     mass = 1e8
     free = engine.changed({f"geom[{BODIES[held]}_geom].mass": mass, "body[nets].pos": (1e6, 0.0, 0.0)})
@@ -238,7 +241,16 @@ def kept_speed(engine: Any, held: int, speeds: Sequence[float], seconds: float) 
 
 
 def left_over(engine: Any, held: int, speeds: Sequence[float], push: float, off: float, seconds: float) -> float:
-    """Return the relative error of the speeds some time after a relative disturbance, at constant force."""
+    """Return the relative error of the speeds that remains after a disturbance, at constant force.
+
+    Args:
+        engine: The engine at the drawn values.
+        held: Index of the body that the question keeps at a speed.
+        speeds: Steady speeds of both [m/s].
+        push: Force that keeps the speed [N].
+        off: Relative disturbance of the speeds.
+        seconds: Time after the disturbance.
+    """
     free = engine.changed({"body[nets].pos": (1e6, 0.0, 0.0)})
     for body, speed in zip(BODIES, speeds, strict=True):
         free.set_velocity(body, np.array([(1 + off) * speed, 0.0, 0.0]))

@@ -105,7 +105,7 @@ def answer(value: AnswerValue, **steps: float) -> Call:
 
 
 def with_law(asked: Call, law: Mapping[str, Any] | None) -> Call:
-    """Return the call with the final answer together with a law; unchanged without one."""
+    """Return the answering call with a law added; unchanged if the law is None."""
     return asked if law is None else Call(asked.tool, {**asked.arguments, "law": dict(law)})
 
 

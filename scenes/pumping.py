@@ -106,7 +106,7 @@ class Pump:
         return push, ends
 
     def _back(self, constants: Array, place: float, speed: float, push: float) -> float:
-        """Return the time after which a body that is about to turn back passes the same position again."""
+        """Return the time until a body that moves away from the middle turns and passes its present position again."""
         step = 1e-4 * self.reach
         around = self.potential(constants[:, None], np.array([place - step, place + step]))
         pull = abs(float(around[1] - around[0]) / (2 * step) - push)

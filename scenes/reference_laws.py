@@ -1,9 +1,9 @@
-"""Lets the reference protocols of open worlds state their law with the answer.
+"""Wraps the reference protocols of open worlds, so that they state a law with the answer.
 
-A pack's `laws` are the possible laws, as expressions of its knobs. The reference infers structure and constants from
-its readings; inserted for the knobs, they give the law that it believes. They are inferred by the `FLOOR` of
+A pack's `laws` are the possible laws, as expressions of its knobs. The reference protocol infers a structure and
+constants from its readings; inserted for the knobs, they give the law. The inference is done by `FLOOR` of
 `solution.py`, or by the function `inferred` of a file `law.py` beside it. This file is not part of the pack's content
-hash, because it decides no key, and no certificate depends on it.
+hash, because neither a key nor a certificate depends on it.
 """
 
 import re
@@ -21,13 +21,14 @@ from scenes.pack import Pack
 from scenes.protocol import ANSWER, KIND, Call, Exchanges, Protocol, Reading, imported, with_law
 
 _SIGNED = re.compile(r"(\w+)\*(\w+)")
-"""A derived quantity that has a drawn sign, such as `side*size`."""
+"""Matches a derived quantity with a random sign, such as `side*size`."""
 
 
 def stating(files: PackFiles, solve: Callable[[str], Protocol]) -> Callable[[str], Protocol]:
-    """Return a protocol that states its law with the answer.
+    """Wrap a reference protocol, so that it states its law with the answer.
 
-    It answers without a law if none can be inferred, for example because a handicap withheld too many readings.
+    The wrapped protocol answers without a law if none can be inferred, for example because a handicap withheld too many
+    readings.
 
     Args:
         files: The pack.

@@ -1,4 +1,7 @@
-"""The controls and readings of a protocol: the calls of a leg, and the course from them. For reference protocols."""
+"""Converts between controls and calls: builds the calls of a leg, and extracts a course from calls and readings.
+
+For reference protocols. A leg is an interval of constant controls; a course is a sequence of legs.
+"""
 
 from collections.abc import Callable, Generator, Iterable, Sequence
 from dataclasses import dataclass

@@ -156,7 +156,9 @@ def stretch(force: Any, k: float, part: float = 0.0, edge: float | None = None) 
     if edge is not None:
         return force / k - part / k * np.maximum(force - k * edge, 0.0) / (k + part)
     u = force / k
-    for _ in range(30 if part else 0):  # Newton's method, which comes down to the root of a convex law
+    for _ in range(
+        30 if part else 0
+    ):  # Newton's method. The law is convex, so the iteration approaches the root from above.
         u = u - (k * u + part * u**3 - force) / (k + 3 * part * u**2)
     return u
 

@@ -5,7 +5,7 @@ import re
 from scenes.errors import WorldError
 
 FIRST_ID, LEVEL_IDS = 10_000_000, 100_000
-"""Scene id of index 0 of level 0, and ids of a level."""
+"""Scene id of the first world of level 0, and number of ids per level."""
 _REFERENCE = re.compile(r"world:(\d{1,2})(?:-(\d{1,2}))?(?::(\d{1,5})(?:-(\d{1,5}))?)?")
 
 

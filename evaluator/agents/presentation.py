@@ -1,8 +1,8 @@
-"""Other presentations: the same episode in other words or units, with other ids of objects, or in another order.
+"""Presentations: the same episode with a paraphrased prompt, other units, other object ids, or lists in reverse order.
 
-A translation stands between an agent and the laboratory. It changes what the agent is told and shown, and changes the
-agent's calls back. Records hold the laboratory's own terms, so a run is graded, replayed and compared like any other.
-The translation depends on the text alone, never on hidden values, so the agent learns neither more nor less.
+A `Translation` converts what the laboratory sends before the agent reads it, and converts the agent's calls back.
+Records hold the laboratory's own texts and numbers, so a run is graded, replayed and compared like any other. The
+translation depends only on the text, never on hidden values, so it neither hides nor adds information.
 """
 
 import json
@@ -21,10 +21,10 @@ from evaluator.records.episode import EpisodeKey, Exchange, ToolCall
 
 
 class Change(StrEnum):
-    """A change of how the laboratory presents an episode."""
+    """One way in which a presentation differs from the laboratory's own."""
 
     PARAPHRASE = "paraphrase"
-    """The prompt says the same in other words; the task itself is not changed."""
+    """The prompt is paraphrased; the statement of the task is not changed."""
     NAMES = "names"
     """Objects have other ids, such as sample_q for object_1."""
     ORDER = "order"
@@ -96,26 +96,26 @@ PARAPHRASES = (
 _LISTS = frozenset({"objects", "revealed", "included", "excluded", "also_deleted"})
 """Fields of results, and of the scene's resource, that list objects."""
 _ID = re.compile(r"\b(?:object_(?P<number>0|[1-9]\d{0,5})|sample_(?P<letters>[a-z]{1,5}))(?=_[a-z]|\b)")
-"""An id, also where it begins a name of a law, such as object_1_vx."""
+"""Matches an object id, also at the start of a variable name in a law, such as `object_1_vx`."""
 _FIRST = 16
-"""Offset of the letters, so that object_1 is sample_q."""
+"""Offset between the number and the letters of an object id: `object_1` becomes `sample_q`."""
 _ROWS = re.compile(r"(?<=\n\|---)((?:\|---)+\|\n)((?:\| .*\n?)+)")
 """Matches the rows of the first table of a prompt, which lists the objects."""
 
 
 @dataclass(frozen=True, slots=True)
 class Translation:
-    """Changes the laboratory's terms into those of presentation, or, if it is inverse, these back."""
+    """Converts texts and values of the laboratory into a presentation, or back if it is the inverse."""
 
     presentation: tuple[Change, ...]
     inverse: bool = False
 
     def text(self, text: str) -> str:
-        """Exchange the ids of objects. Applied twice, it changes nothing."""
+        """Replace each object id in a text by its counterpart. A second application restores the text."""
         return _ID.sub(_other_id, text) if Change.NAMES in self.presentation else text
 
     def prompt(self, text: str) -> str:
-        """Change an opening prompt."""
+        """Convert an opening prompt."""
         if Change.UNITS in self.presentation:  # before the paraphrases, one of which speaks of SI units
             before, after = reversed(SENTENCE) if self.inverse else SENTENCE
             text = text.replace(before, after)
@@ -128,11 +128,11 @@ class Translation:
         return self.text(text)
 
     def value(self, value: JsonValue, *, listed: bool = False) -> JsonValue:
-        """Change a result, an argument or a schema.
+        """Convert a result, an argument or a schema.
 
         Args:
-            value: The value.
-            listed: Whether it is a list of objects.
+            value: The JSON value.
+            listed: Whether it is a list of objects, whose order may be reversed.
         """
         if isinstance(value, str):
             return self.text(value)
@@ -144,7 +144,7 @@ class Translation:
         return value
 
     def briefing(self, briefing: Briefing) -> Briefing:
-        """Change what an agent learns before its first turn."""
+        """Convert the briefing that an agent receives before its first turn."""
         tools = tuple(
             ToolDescription(
                 tool.name,
@@ -157,13 +157,13 @@ class Translation:
         return replace(briefing, prompt=self.prompt(briefing.prompt), tools=tools, scene=scene)
 
     def feedback(self, feedback: Feedback) -> Feedback:
-        """Change what an agent receives after a turn."""
+        """Convert the feedback that an agent receives after a turn."""
         return Feedback(
             [self._exchange(exchange) for exchange in feedback.exchanges], self.text(feedback.note), feedback.remaining
         )
 
     def reply(self, reply: Reply) -> Reply:
-        """Change what an agent says and calls."""
+        """Convert the text and the calls of an agent's turn."""
         thought = self.text(reply.reasoning[: reply.thought_chars])
         said = self.text(reply.reasoning[reply.thought_chars :])
         calls = tuple(self._call(call) for call in reply.calls)
@@ -180,7 +180,7 @@ class Translation:
         return exchanged_schema(tool, schema, inverse=self.inverse) if changes else dict(schema)
 
     def _numbers(self, tool: str, members: dict[str, JsonValue]) -> dict[str, JsonValue]:
-        """Exchange the units of arguments or of a result."""
+        """Convert the units of arguments or of a result."""
         return exchanged(tool, members, inverse=self.inverse) if Change.UNITS in self.presentation else members
 
     def _members(self, members: dict[str, JsonValue]) -> dict[str, JsonValue]:
@@ -217,18 +217,18 @@ def _reversed_rows(rows: str) -> str:
 
 @dataclass(frozen=True, slots=True)
 class TranslatedAgent:
-    """Wraps an agent so that it meets another presentation."""
+    """Wraps an agent, so that it plays the episode in another presentation."""
 
     inner: Agent
     translation: Translation
 
     @property
     def name(self) -> str:
-        """The inner agent's name: the run says how episodes were presented."""
+        """Name of the inner agent. The record of the run states the presentation."""
         return self.inner.name
 
     def player(self, key: EpisodeKey, briefing: Briefing) -> "_TranslatedPlayer":
-        """Return the inner agent's player, which meets the other presentation."""
+        """Return the inner agent's player, wrapped so that it plays in another presentation."""
         translation = self.translation
         back = replace(translation, inverse=not translation.inverse)
         return _TranslatedPlayer(self.inner.player(key, translation.briefing(briefing)), translation.feedback, back)
@@ -245,13 +245,14 @@ class _TranslatedPlayer:
 
 
 def presented(agent: Agent, presentation: Sequence[Change], *, speaks_original: bool) -> Agent:
-    """Wrap an agent so that it meets another presentation.
+    """Wrap an agent, so that it plays episodes in another presentation.
 
     Args:
         agent: The agent.
-        presentation: What differs; the agent is returned as it is if nothing does.
-        speaks_original: Whether the agent is a program that was written for the terms of the laboratory, such as the
-            reference protocols. It then reads them through the inverse translation, as its author would rewrite it.
+        presentation: The changes; an agent without changes is returned unwrapped.
+        speaks_original: Whether the agent is a program written for the laboratory's own names and units, such as the
+            reference protocols. Its input is then converted back, so that it tests only whether the presentation can be
+            inverted.
     """
     if not presentation:
         return agent
@@ -265,7 +266,7 @@ def parse_presentation(text: str) -> tuple[Change, ...]:
     """Read the value of `--presentation`, such as `names` or `paraphrase,order`.
 
     Raises:
-        UsageError: A part is no change.
+        UsageError: A part is not the name of a change.
     """
     parts = dict.fromkeys(part.strip() for part in text.split(",")) if text else {}
     for part in parts:

@@ -1,8 +1,9 @@
-"""Synthetic takers: the reference agent with handicaps of known order, for calibration and for testing scenes.
+"""Synthetic test takers: the reference agent with handicaps of known order, for calibration and for testing scenes.
 
-A taker changes the calls and readings between a reference protocol and the laboratory: omitted calls, noisier readings,
-wrong arguments, unknown laws. The protocol itself is not changed. The random numbers of an episode
-depend only on its scene, seed and epoch, so a stronger handicap of the same kind includes the weaker one.
+A taker modifies the calls and readings between a reference protocol and the laboratory: it omits calls, adds noise to
+readings, passes wrong arguments, or ignores some of the stated laws. The protocol itself is not changed. The random
+numbers of an episode depend only on its scene, seed and epoch, so a stronger handicap of the same kind includes the
+weaker one.
 """
 
 import itertools
@@ -23,15 +24,15 @@ TAKER = "taker:"
 _SHARE = 0.01
 """Standard deviation of the added noise at `noise-1`, relative to the reading, if the scene states no noise."""
 _WRONG = 0.5
-"""Factor of the numbers in a wrong call. It is below 1, so that no wrong call exceeds a limit of the scene."""
+"""Factor of the numbers in a call with a slip. It is below 1, so that such a call exceeds no limit of the scene."""
 _READS = ("get_", "compute_", "detect_", "find_")
 """Prefixes of the names of reading tools, whose results get noise and whose calls get no slips."""
 _INSTRUMENTS = {"position": "position", "velocity": "velocity", "angle": "angle", "angular_velocity": "spin"}
 """Field of a result → name of the instrument that reads it."""
 _ROUNDS = 300
-"""Number of batches without a call after which a protocol has failed."""
+"""Number of consecutive batches without a call of the taker after which the protocol counts as failed."""
 LAWS = ("unknown-1", "unknown-2", "no-check", "wrong-law")
-"""Handicaps concerning the family of laws that a task states, weakest first."""
+"""Handicaps that restrict which members of the stated family of laws a taker considers, weakest first."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -143,10 +144,10 @@ class _TakerPlayer:
     """Calls as the protocol made them, with the readings that it received."""
 
     async def act(self, feedback: Feedback | None) -> Reply:
-        """Return the calls of the next batch that the taker makes.
+        """Return the calls of the protocol's next batch, without those that the handicap omits.
 
         Raises:
-            AgentError: The protocol failed, or asked for nothing but calls that the taker does not make.
+            AgentError: The protocol failed, or requested only omitted calls in many batches.
         """
         exchanges = feedback.exchanges if feedback else ()
         for _ in range(_ROUNDS):
@@ -164,7 +165,7 @@ class _TakerPlayer:
         raise AgentError("the protocol cannot continue without the calls that were not made")
 
     def _sent(self, calls: Sequence[ToolCall]) -> Iterator[ToolCall]:
-        """Yield the calls that the taker makes, with slips, or with the answer by the laws that it knows."""
+        """Yield the calls that reach the laboratory: some have slips; the answer is by the laws the taker knows."""
         for number, asked in enumerate(calls, self.asked):
             if asked.tool == ANSWER:
                 yield self._fitted(asked) if self.handicap.law else asked
@@ -208,7 +209,7 @@ class _TakerPlayer:
         }
 
     def _fitted(self, asked: ToolCall) -> ToolCall:
-        """Return the answer by the best-fitting known law; the given answer if the pack fits no family."""
+        """Return the answer by the best-fitting law that the taker knows; `asked` itself if the pack fits no family."""
         if self.rivals is None:
             return asked
         try:
@@ -220,12 +221,12 @@ class _TakerPlayer:
         return ToolCall(tool=ANSWER, arguments={**asked.arguments, "answer": cast("Any", fits[best].answer)})
 
     def _source(self, kind: str, which: object) -> float:
-        """Return the random number between 0 and 1 of a call or of a law."""
+        """Return a reproducible random number between 0 and 1 for a call or a law."""
         return random.Random(f"{self.salt}:{kind}:{which}").random()  # noqa: S311 - must be reproducible, not secret
 
 
 def _known(order: Sequence[str], fits: Mapping[str, Member], law: str) -> Sequence[str]:
-    """Return the structures that a taker knows, out of all in random order; always at least one."""
+    """Return the structures that a taker knows: a random subset of all, with at least one."""
     if law == "wrong-law":
         best = min(order, key=lambda name: fits[name].chi_square)
         return [name for name in order if name != best] or order

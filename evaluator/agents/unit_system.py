@@ -1,6 +1,6 @@
-"""Centimetres, milliseconds and grams in place of SI units, in the arguments, results and schemas of the tools.
+"""Presents arguments, results and schemas of the tools in centimetres, milliseconds and grams in place of SI units.
 
-Each quantity has a factor from SI: a velocity of 1 m/s is 0.1 cm/ms. Numbers are rounded to twelve digits, so that
+Each quantity has one conversion factor: a velocity of 1 m/s is 0.1 cm/ms. Numbers are rounded to twelve digits, so that
 0.3 m is 30 cm and not 30.000000000000004 cm.
 """
 
@@ -25,7 +25,7 @@ UNITS: dict[str, tuple[str, float]] = {
     "kg·m²/s": ("g·cm²/ms", 1e4),
     "kg/m³": ("g/cm³", 1e-3),
 }
-"""SI unit → the unit in its place, and the factor of the number."""
+"""SI unit → the unit that replaces it, and the conversion factor."""
 
 FIELDS: dict[str, str] = {
     **dict.fromkeys(("duration", "sim_time", "lab_time_left"), "s"),
@@ -43,7 +43,7 @@ FIELDS: dict[str, str] = {
     "angular_momentum": "kg·m²/s",
     "impulse": "N·s",
 }
-"""Argument or field of a result → its SI unit. Others have no unit, or one that is not exchanged."""
+"""Argument or field of a result → its SI unit. Arguments and fields that are not listed are not converted."""
 
 COMPONENTS = {"move_object": "m", "get_acceleration": "m/s²", "compute_force": "N"}
 """Tool → unit of its arguments or fields x, y and z."""
@@ -55,7 +55,7 @@ SENTENCE = (
     " in g·cm/ms², torques and energies in g·cm²/ms², and densities in g/cm³. Answer in the unit that the task names."
     " World frame, z up.",
 )
-"""Sentence of the opening prompt, and the one in its place."""
+"""Sentence of the opening prompt about units, and the sentence that replaces it."""
 
 _BOUNDS = frozenset({"minimum", "maximum", "exclusiveMinimum", "exclusiveMaximum", "default"})
 _BRACKETS = re.compile(r"\[([^\]\s]+)\]")
@@ -63,17 +63,17 @@ _DIGITS = 12
 
 
 def unit_of(tool: str, name: str) -> str | None:
-    """Return the SI unit of an argument or a field of a result; None if it has none that is exchanged."""
+    """Return the SI unit of an argument or a field of a result; None if it is not converted."""
     return COMPONENTS.get(tool) if name in {"x", "y", "z"} else FIELDS.get(name)
 
 
 def exchanged(tool: str, members: Mapping[str, JsonValue], *, inverse: bool) -> dict[str, JsonValue]:
-    """Change the numbers of arguments or of a result.
+    """Convert the numbers in arguments or in a result.
 
     Args:
         tool: Name of the tool.
         members: The arguments, or the fields of the result.
-        inverse: Whether to change them back to SI units.
+        inverse: Whether to convert back to SI units.
     """
 
     def member(name: str, value: JsonValue) -> JsonValue:
@@ -96,12 +96,12 @@ def _scaled(value: JsonValue, factor: float, *, inverse: bool) -> JsonValue:
         return {name: _scaled(part, factor, inverse=inverse) for name, part in value.items()}
     try:
         return float(f"{value / factor if inverse else value * factor:.{_DIGITS}g}")
-    except OverflowError:  # an integer beyond all floats, which the laboratory refuses
+    except OverflowError:  # an integer beyond the range of floats, which the laboratory refuses
         return value
 
 
 def exchanged_schema(tool: str, schema: Mapping[str, Any], *, inverse: bool) -> dict[str, Any]:
-    """Change the bounds of arguments, and the units in their descriptions."""
+    """Convert the bounds of arguments in a schema, and the units in their descriptions."""
 
     def arguments(properties: Mapping[str, Any]) -> dict[str, Any]:
         return {name: part(described, unit_of(tool, name)) for name, described in properties.items()}
@@ -123,6 +123,6 @@ def exchanged_schema(tool: str, schema: Mapping[str, Any], *, inverse: bool) -> 
 
 
 def described_units(text: str, *, inverse: bool) -> str:
-    """Exchange the units in square brackets of a description."""
+    """Replace the units in square brackets in a description."""
     table = {other: unit for unit, (other, _) in UNITS.items()} if inverse else {u: o for u, (o, _) in UNITS.items()}
     return _BRACKETS.sub(lambda found: f"[{table.get(found[1], found[1])}]", text)

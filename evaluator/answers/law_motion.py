@@ -1,4 +1,7 @@
-"""The motion of objects by a law, integrated in fixed steps. Knows no grades."""
+"""Integrates the motion of objects under a law that is written as text, in fixed time steps. Knows no grades.
+
+A *course* is a simulated motion; it consists of legs, during which the loads are constant.
+"""
 
 import math
 from collections.abc import Callable, Sequence
@@ -9,15 +12,15 @@ from physment_mcp.contract.stated_laws import PLACES, SPEEDS, StatedLaw
 from scenes.law_statements import Coordinate
 
 _LEG_S, _LOOKS = 1.5, 6
-"""Duration of a leg with a constant load [s], and looks at a leg."""
+"""Duration of a leg [s], and number of states of a leg that are compared between laws."""
 LEG_STEPS = 150
-"""Steps of the integration of a leg; a multiple of the looks."""
+"""Number of integration steps of a leg; a multiple of the number of compared states."""
 _HELD_STEP_S = 0.05
-"""Largest step of the integration of states while the objects are held [s]."""
+"""Largest integration step of the law's state variables while the objects are held [s]."""
 
 
 class LoadPlan(NamedTuple):
-    """A start and the loads of each leg, a number for each coordinate."""
+    """A course: the initial state and, for each leg, one load per coordinate."""
 
     held_s: float
     """Time for which the objects are held at the start [s]."""
@@ -28,7 +31,7 @@ class LoadPlan(NamedTuple):
 
 @dataclass
 class StatedMotion:
-    """The motion of the objects by a law."""
+    """The equations of motion of the objects under a law."""
 
     law: StatedLaw
     coordinates: Sequence[Coordinate]
@@ -46,12 +49,12 @@ class StatedMotion:
     def rates(
         self, time: float, seen: Sequence[float], states: Sequence[float], loads: Sequence[float]
     ) -> tuple[list[float], list[float]]:
-        """Return the accelerations and the rates of the states.
+        """Return the accelerations, and the time derivatives of the law's state variables.
 
         Args:
             time: Time since the start [s].
-            seen: Places, then velocities.
-            states: Values of the states.
+            seen: Positions, then velocities.
+            states: Values of the state variables.
             loads: Forces and torques.
 
         Raises:
@@ -67,7 +70,7 @@ class StatedMotion:
         return [0.0 if at is None else found[at] for at in self._results], list(found[len(self.law.components) :])
 
     def clamped(self, seen: Sequence[float], lasting: float) -> list[float]:
-        """Return the states after objects were clamped at places and velocities, from the start of the episode."""
+        """Return the law's state variables after the objects were clamped for a time [s]."""
         states, none = list(self.start), [0.0] * self._count
         if not states or not lasting:
             return states
@@ -82,7 +85,7 @@ class StatedMotion:
         return states
 
     def followed(self, course: LoadPlan) -> list[list[float]] | None:
-        """Return places and velocities at each look of a course; None if the law has no finite course."""
+        """Integrate a course; return positions and velocities at each compared time, or None if they are not finite."""
         time, looks, seen = course.held_s, list[list[float]](), [*course.places, *course.speeds]
         h = _LEG_S / LEG_STEPS
         try:
@@ -105,7 +108,7 @@ class StatedMotion:
 
 
 def held_steps(lasting: float) -> int:
-    """Return the number of steps while the objects are held for some time [s]."""
+    """Return the number of integration steps while the objects are held for a time [s]."""
     return math.ceil(lasting / _HELD_STEP_S)
 
 

@@ -1,7 +1,7 @@
-"""Grades a law that an agent states with its answer, against the law of the laboratory. Uses no engine and no judge.
+"""Grades a law that an agent states with its answer, by comparing its predictions with those of the laboratory's law.
 
-Both laws are integrated by the same steps, from the same states, under the same loads. They are compared by what they
-do and not by how they are written, so equivalent laws get the same grade.
+Both laws are integrated with the same steps, initial states and loads (`law_motion`). Only the motion is compared and
+not the expressions, so equivalent laws get the same grade. Neither the physics engine nor a language model is used.
 """
 
 import hashlib
@@ -21,27 +21,34 @@ from scenes.law_statements import Coordinate, LawModel
 LAW_GRADER_VERSION = "3"
 """Version of these rules, stored with each grade of a law."""
 EQUIVALENT = 0.05
-"""Largest median error of the courses of an equivalent law, relative to how far the body moves.
+"""Largest median error of the predicted motion at which a law can be equivalent, relative to the distance moved.
 
-A median does not show an effect that few courses meet, so an equivalent law must not miss a dependence either."""
+The median over courses does not show an effect that few of them have. An equivalent law must therefore also miss no
+dependence (see `_dependences`).
+"""
 _COURSES = 20
-"""Number of courses within the reach of the laboratory, and beyond it."""
+"""Number of simulated courses inside the region that the laboratory allows, and number of courses outside it."""
 _LEGS = 2
 """Number of legs of a course."""
 _LEAST = 0.2
-"""Smallest scale of a course's error, relative to the median course."""
+"""Lower limit of the motion by which a course's error is divided, as a share of the median motion of all courses."""
 _PROBES, _CLAMPED_S = 24, 3.0
-"""Number of states at which a dependence is tested, and time for which objects are clamped before [s]."""
+"""Number of random states at which dependences are tested, and shortest time of the clamping before them [s]."""
 _INDEPENDENT, _DEPENDENT, _FELT = 0.005, 0.02, 0.01
-"""Largest effect of a quantity on which a true acceleration does not depend, smallest effect of one on which it does,
-and smallest effect that a stated law must have, all relative to the acceleration."""
+"""Thresholds of the effect of a quantity on an acceleration, relative to the acceleration.
+
+The true acceleration does not depend on a quantity with an effect below the first, and depends on one with an effect
+above the second. In the stated law, an effect above the third counts as a dependence.
+"""
 _TURN = 3.0
-"""What stands for the radius where objects turn or nothing limits them [rad or m]."""
+"""Default radius of the region of positions, for objects that turn or have no stated limit [rad or m]."""
 MAX_WORK = 400_000_000
-"""Largest number of operations that grading a law takes: its length times the number of its evaluations. Only laws with
-states in laboratories with much more time than those of the suite need more."""
+"""Largest number of operations for grading a law: its length times the number of evaluations.
+
+Only laws with state variables in laboratories with much more time than those of the suite need more.
+"""
 _LONG_S = 30.0
-"""What stands for the time of a laboratory that states no limit [s]."""
+"""Default laboratory time for scenes that state no limit [s]."""
 
 
 class TrueLaw(NamedTuple):
@@ -55,7 +62,7 @@ class TrueLaw(NamedTuple):
 
     @property
     def motion(self) -> StatedMotion:
-        """The motion of the objects by the law."""
+        """The equations of motion of the objects under this law."""
         return StatedMotion(StatedLaw(self.model.statement, self.objects), self.model.coordinates)
 
 
@@ -76,8 +83,8 @@ def stated_law(episode: Episode) -> Mapping[str, Any] | None:
 def grade_law(written: object, true: TrueLaw) -> LawGrade:
     """Grade a law. Never raises for any JSON value.
 
-    The duration is limited by `MAX_LENGTH` of stated laws and by `MAX_WORK`, so it takes seconds at most. Both count
-    operations and no time, so a grade is the same on every machine.
+    `MAX_LENGTH` of stated laws and `MAX_WORK` limit the duration to seconds. Both limits count operations, so a grade
+    does not depend on the speed of the machine.
 
     Args:
         written: The law as the agent wrote it.
@@ -113,7 +120,7 @@ def _refuse_long_work(law: StatedLaw, true: TrueLaw) -> None:
 
 
 def evaluations_of(true: TrueLaw, *, has_states: bool) -> int:
-    """Return how often grading evaluates a law, at most."""
+    """Return the largest number of times that grading evaluates a law."""
     count = 2 * _COURSES * _LEGS * 4 * LEG_STEPS + _PROBES * (3 * len(true.model.coordinates) + 3)
     if not has_states:
         return count
@@ -125,7 +132,7 @@ def evaluations_of(true: TrueLaw, *, has_states: bool) -> int:
 
 
 def hash_of(written: object) -> str:
-    """Return a short hash of a law, by which a stored grade names it."""
+    """Return a short hash of a law, which a stored grade records."""
     return hashlib.sha256(json.dumps(written).encode()).hexdigest()[:16]
 
 
@@ -133,7 +140,7 @@ def hash_of(written: object) -> str:
 
 
 def courses_of(true: TrueLaw, *, far: bool) -> list[LoadPlan]:
-    """Return random courses, within the reach of the laboratory or beyond it; the same for every law of a scene."""
+    """Return random courses inside the region that the laboratory allows, or outside; the same for every stated law."""
     coordinates, radius = true.model.coordinates, true.model.radius or _TURN
     low, high = (1.0, 1.5) if far else (0.0, 0.8)
     swift, strong, late = (4.0, 8.0, 1.5) if far else (2.0, 3.0, 0.6)
@@ -150,7 +157,7 @@ def courses_of(true: TrueLaw, *, far: bool) -> list[LoadPlan]:
 
 
 def _vectors(source: random.Random, coordinates: Sequence[Coordinate], low: float, high: float) -> list[float]:
-    """Return a vector of random direction and length for each object, as its components."""
+    """Return for each object the components of a vector of random direction and length."""
     found: list[float] = []
     for body in dict.fromkeys(one.body for one in coordinates):
         parts = [source.gauss() for one in coordinates if one.body == body]
@@ -160,7 +167,7 @@ def _vectors(source: random.Random, coordinates: Sequence[Coordinate], low: floa
 
 
 def _error(own: StatedMotion, other: StatedMotion, courses: Sequence[LoadPlan]) -> float:
-    """Return the median error of the courses of a law, relative to the motion; infinite where it has none."""
+    """Return the median error of the predicted courses of a law, relative to the motion; infinite if none is finite."""
     true, stated = ([law.followed(course) for course in courses] for law in (own, other))
     pairs = [(a, b, course) for a, b, course in zip(true, stated, courses, strict=True) if a is not None]
     moved = [_spread(a, [[*course.places, *course.speeds]] * len(a)) for a, _, course in pairs]
@@ -189,7 +196,7 @@ def _spread(first: Sequence[Sequence[float]], second: Sequence[Sequence[float]])
 
 
 def _squared(value: float) -> float:
-    """Return the square, which is infinite where a power would raise OverflowError."""
+    """Return the square. Unlike `value ** 2`, it overflows to infinity and does not raise OverflowError."""
     return value * value
 
 
@@ -197,9 +204,12 @@ def _squared(value: float) -> float:
 
 
 def _dependences(own: StatedMotion, other: StatedMotion, true: TrueLaw) -> tuple[float, int]:
-    """Return the F1 score of the pairs of an acceleration and a quantity on which it depends, and how many are missed.
+    """Compare which quantities the accelerations of two laws depend on.
 
-    Quantities are each place, velocity and load, the time, and the past: what was before, at the same present.
+    The quantities are each position, velocity and load, the time, and the history before the present state.
+
+    Returns:
+        The F1 score of the pairs of an acceleration and a quantity, and the number of true dependences that are missed.
     """
     (found, scales), (stated, _) = _effects(own, true), _effects(other, true)
     hits = wrong = missed = 0
@@ -215,7 +225,7 @@ def _dependences(own: StatedMotion, other: StatedMotion, true: TrueLaw) -> tuple
 
 
 def _effects(law: StatedMotion, true: TrueLaw) -> tuple[list[list[float]], list[float]]:
-    """Return the root mean square effect of each quantity on each acceleration, and the size of each acceleration."""
+    """Return the root mean square effect of each quantity on each acceleration, and of each acceleration itself."""
     n, lab_time = len(true.model.coordinates), true.lab_time or _LONG_S
     squares = [[0.0] * (3 * n + 2) for _ in range(n)]
     sizes = [0.0] * n
@@ -238,7 +248,7 @@ def _effects(law: StatedMotion, true: TrueLaw) -> tuple[list[list[float]], list[
 
 
 def _present(source: random.Random, true: TrueLaw) -> list[float]:
-    """Return random places, velocities and loads within the laboratory."""
+    """Return random positions, velocities and loads within the limits of the laboratory."""
     coordinates = true.model.coordinates
     pushes = _vectors(source, coordinates, 0.3, 3.0)
     return [
@@ -249,7 +259,7 @@ def _present(source: random.Random, true: TrueLaw) -> list[float]:
 
 
 def _acceleration(law: StatedMotion, time: float, present: Sequence[float], past: Sequence[float]) -> list[float]:
-    """Return the accelerations after objects were clamped in the past; a law without a finite value has none."""
+    """Return the accelerations at a state after the objects were clamped at a past state; zeros if not finite."""
     split = 2 * len(law.coordinates)
     try:
         found, _ = law.rates(time, present[:split], law.clamped(past, time), present[split:])

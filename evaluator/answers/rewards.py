@@ -151,7 +151,7 @@ def answer_reward(answer: JsonValue, key: AnswerKey) -> AnswerReward:
 
 @dataclass(frozen=True, slots=True)
 class RewardRule:
-    """How the reward of an episode is computed from its answer and its cost."""
+    """Converts the value of an answer and the cost of an episode to a reward."""
 
     worth: Worth = Worth.STRICT
     per_iteration: float = 0.0
@@ -160,7 +160,7 @@ class RewardRule:
     """Deducted for each tool call, including refused calls."""
 
     def cost(self, iterations: int, calls: int) -> float:
-        """Return the deduction.
+        """Return the cost of an episode, which is subtracted from the value of its answer.
 
         Args:
             iterations: Number of replies of the agent.
@@ -169,5 +169,5 @@ class RewardRule:
         return self.per_iteration * iterations + self.per_call * calls
 
     def reward(self, answer: AnswerReward, iterations: int, calls: int) -> float:
-        """Return the reward of one episode; negative if the deduction exceeds the value of the answer."""
+        """Return the reward of one episode; negative if the cost exceeds the value of the answer."""
         return answer.of(self.worth) - self.cost(iterations, calls)

@@ -1,7 +1,8 @@
-"""Adaptive tests: the next scene is among those that tell most about the ability, by the answers so far.
+"""Computerised adaptive tests: the answers so far decide which scene a taker plays next.
 
-The information is Fisher's at the present estimate. As exposure control, the scene is drawn from the five most
-informative ones ("randomesque"), so that takers of the same ability do not all play the same scenes.
+Candidates are ranked by their Fisher information at the present estimate of the ability. As exposure control, the scene
+is drawn from the five most informative ones ("randomesque"), so that takers of the same ability do not all play the
+same scenes.
 
 Source: van der Linden and Glas 2010, Elements of Adaptive Testing; Kingsbury and Zara 1989, Applied Measurement in
 Education 2, 359.
@@ -30,7 +31,7 @@ from scenes import PackFiles, same_pack
 DIFFICULTIES = Path(__file__).with_name("difficulties.json")
 """The calibration that ships with the package."""
 EXPOSED = 5
-"""Number of most informative scenes that the next one is drawn from."""
+"""Number of most informative scenes from which the next scene is drawn."""
 
 
 class DifficultyTable(NamedTuple):
@@ -43,7 +44,7 @@ class DifficultyTable(NamedTuple):
     """SHA-256 of the file."""
 
     def holds(self, files: PackFiles) -> bool:
-        """Whether the table has the difficulty of a pack."""
+        """Return whether the table holds the difficulty of this version of a pack."""
         return same_pack(self.packs.get(files.scene_id, ""), files)
 
 
@@ -70,12 +71,12 @@ class AdaptiveTest:
     """The test of one taker."""
 
     name: str
-    """Name of the taker, from which the draws of the exposure control follow."""
+    """Name of the taker; it seeds the random numbers of the exposure control."""
     difficulties: Mapping[int, SceneDifficulty]
     target: float
     """Standard error of the ability at which the test ends [logits]."""
     waiting: list[EpisodeKey]
-    """Episodes that can still be chosen; of those in one scene, the first is chosen first."""
+    """Episodes that have not been chosen yet, in the order in which those of one scene are chosen."""
     answers: dict[int, dict[int, tuple[int, int]]] = field(default_factory=dict[int, dict[int, tuple[int, int]]])
     """Scene → seed → number of right answers and number of answers."""
     likelihoods: dict[int, Array] = field(default_factory=dict[int, Array])
@@ -94,10 +95,10 @@ class AdaptiveTest:
         return posterior_ability(self.likelihoods.values(), sum(counts))
 
     def choose(self, count: int) -> list[tuple[EpisodeKey, Choice]]:
-        """Choose the next episodes, each with its reason, and take them from those that wait.
+        """Choose the next episodes, each with its reason, and remove them from `waiting`.
 
         Args:
-            count: Largest number of episodes; none if the test has ended.
+            count: Largest number of episodes; none is chosen if the test has ended.
         """
         now, chosen = self.ability(), list[tuple[EpisodeKey, Choice]]()
         played = Counter({scene: sum(count for _, count in found.values()) for scene, found in self.answers.items()})

@@ -68,7 +68,7 @@ class RaschFit:
 
 
 class _State(NamedTuple):
-    """Quantities computed from a parameter vector: abilities, effects and logarithms of the spreads."""
+    """A parameter vector of the model, and quantities computed from it."""
 
     loss: float
     """Negative logarithm of the posterior density."""

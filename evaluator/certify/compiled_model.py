@@ -169,7 +169,7 @@ def _may_touch(model: mujoco.MjModel, first: int, second: int) -> bool:
 
 
 def jointless_parts(mjcf: str) -> Iterator[str]:
-    """Yield a sentence for each body that is fixed to an object without a joint. Tools treat both as one object."""
+    """Yield a sentence for each body that is rigidly fixed to an object, because tools treat both as one object."""
     model, _ = started(mjcf)
     for body in range(1, model.nbody):
         if model.body_parentid[body] != 0 and not model.body_jntnum[body]:

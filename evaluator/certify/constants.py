@@ -85,7 +85,7 @@ class Constants:
 
     @functools.cached_property
     def key(self) -> list[Scalar]:
-        """The answer at the drawn values."""
+        """The answer at the drawn values: the numeric or other parts of the key."""
         return self.answer()
 
     @functools.cached_property

@@ -1,12 +1,14 @@
-"""Agents that bound what the choice of experiments is worth: `greedy-design` and `random-design`.
+"""Agents that measure how much the choice of experiments matters: `greedy-design` and `random-design`.
 
-They know the family of a scene, which is its pack with the ranges of the hidden constants, but not the drawn values.
-Both choose from the same bounded set of experiments: a load for a time, and a reading of what the question names. The
-greedy one takes the experiment that leaves the smallest bound of the answer at the present estimate, or separates the
-two most probable discrete values (local, sequential c-optimal design; Fedorov 1972). The random one takes any. Both
-estimate the constants by least squares on all readings, and answer with the estimate.
+They know the pack of a scene, with the ranges of its hidden constants, but not the drawn values. Both choose from the
+same limited set of experiments: a load that acts for some time, then a reading of what the question names.
+`greedy-design` takes the experiment after which the Cramér-Rao bound of the answer at the present estimate is smallest,
+or which best separates the two most probable discrete values (local, sequential c-optimal design; Fedorov 1972).
+`random-design` takes a random experiment. Both estimate the constants by least squares on all readings, and answer with
+the estimate.
 
-They are classes for `--agent MODULE:CLASS`, because they simulate, which the room of agents may not.
+They are loaded by `--agent MODULE:CLASS` because they run simulations, and the package `agents` must not import the
+engine.
 """
 
 import itertools
@@ -35,22 +37,22 @@ from scenes.pack import Knob
 from scenes.protocol import AnswerValue, Call, Protocol, Reading, answer, call
 
 _MOST_COMBINATIONS = 12
-"""Most combinations of discrete values of a scene that can be played."""
+"""Largest number of combinations of discrete hidden values with which a scene can be played."""
 _MOST_CONTROLS, _MOST_WATCHED = 6, 3
 _LEVELS = (1.0, -1.0, 0.2)
-"""Loads, as shares of the limit."""
+"""Loads of the experiments, as shares of the scene's limit."""
 _DURATIONS_S = (0.2, 1.5)
 _SHIFT = 1e-3
 """Finite-difference step, as a share of a constant's range."""
 _FITS = 8
-"""Most evaluations of the misfits between two experiments, for each combination of discrete values."""
+"""Largest number of evaluations of the residuals between two experiments, for each combination of discrete values."""
 _APART = 25.0
-"""Chi-square above the smallest one beyond which a combination of discrete values is dropped."""
+"""Difference from the smallest chi-square beyond which a combination of discrete values is discarded."""
 
 
 @dataclass(frozen=True, slots=True)
 class _Estimate:
-    """The best constants for one combination of discrete values."""
+    """The fitted constants for one combination of discrete values."""
 
     discrete: Mapping[str, KnobValue]
     unit: Array
@@ -68,7 +70,7 @@ class Design:
     subject: Subject
     pick: Pick
     turns: int
-    """Most iterations."""
+    """Largest number of iterations."""
     estimates: list[_Estimate] = field(init=False)
     made: list[tuple[Call, Reading]] = field(default_factory=list[tuple[Call, Reading]])
 
@@ -94,12 +96,12 @@ class Design:
         return Constants(self.subject, knobs, names)
 
     def replay(self, mjcf: str) -> tuple[Replay, list[Read]]:
-        """Make the calls so far in a model; returns the laboratory after them, and what it read."""
+        """Repeat the calls so far in a model; return the laboratory after them, and its readings."""
         lab = Replay(self.subject.files, mjcf)
         return lab, _read(lab, [one for one, reading in self.made if "error" not in reading], slopes=True)
 
     def told(self) -> Array:
-        """Return the numbers that the laboratory returned, in the order of `replay`."""
+        """Return the numbers that the real laboratory returned, in the order of `replay`."""
         reads = [reading for one, reading in self.made if one.tool not in _SILENT and "error" not in reading]
         return np.array([number for reading in reads for number in numbers(reading)])
 
@@ -133,7 +135,7 @@ class Design:
         return replace(found, unit=best.x, chi_square=2 * float(best.cost))
 
     def suffices(self) -> bool:
-        """Whether the answer is known at the present estimate, and no other combination answers otherwise."""
+        """Whether the estimated answer is precise enough, and the same for all remaining discrete values."""
         best = self.constants(self.estimates[0])
         if any(not self.subject.agrees(self.constants(one).key, best.key) for one in self.estimates[1:]):
             return False
@@ -161,7 +163,7 @@ def _read(lab: Replay, calls: Sequence[Call], *, slopes: bool) -> list[Read]:
 
 @dataclass(frozen=True, slots=True)
 class _Survey:
-    """Laboratories at an estimate and beside it, after the calls so far."""
+    """Simulated laboratories at an estimate and at slightly shifted constants, in the state after the calls so far."""
 
     base: Replay
     beside: Sequence[Replay]
@@ -180,7 +182,7 @@ class _Survey:
         return cls(base, [lab for lab, _ in beside], fisher)
 
     def after(self, found: _Estimate, calls: Sequence[Call]) -> tuple[Array, list[Read]]:
-        """Return the Fisher information after further calls, and what they would read."""
+        """Return the Fisher information after further calls, and the predicted readings of these calls."""
         with self.base.branch():
             reads = _read(self.base, calls, slopes=True)
         others: list[list[Read]] = []
@@ -199,7 +201,7 @@ def _jacobian(base: list[Read], beside: Sequence[list[Read]], shifts: Sequence[f
 
 
 def experiments(opening: Opening, objects: Sequence[str]) -> list[list[Call]]:
-    """Return the experiments that both agents choose from: waiting, and loads on the objects that the task names."""
+    """Return the set of experiments of both agents: waiting, and loads on the objects that the task names."""
     revealed = [name for name in objects if name not in opening.objects]
     watched = [*opening.named(), *revealed] or list(objects)
     reads = motion_calls(opening, watched[:_MOST_WATCHED], opening.units)
@@ -244,7 +246,11 @@ def _made(design: Design, batch: list[Call]) -> Generator[list[Call], list[Readi
 
 
 def greedy(design: Design, options: Sequence[list[Call]]) -> list[Call]:
-    """Return the experiment that separates two answers best, or if there is one, that leaves its smallest bound."""
+    """Return the most informative experiment.
+
+    It is the one that separates the two most probable answers best; if only one answer is left, the one after which the
+    Cramér-Rao bound is smallest.
+    """
     best = design.estimates[0]
     constants, survey = design.constants(best), _Survey.of(design, best)
     rival = next(
@@ -275,7 +281,7 @@ class _DesignAgent:
         """Start an episode.
 
         Raises:
-            AgentError: The scene cannot be played by design.
+            AgentError: These agents cannot play the scene, for example because it has too many discrete values.
         """
         try:
             subject = Subject.open(find_pack(key.scene))
@@ -296,14 +302,14 @@ class _DesignAgent:
 
 @dataclass(frozen=True, slots=True)
 class GreedyDesign(_DesignAgent):
-    """Takes the experiment with the most information on the answer."""
+    """Chooses the experiment with the most information about the answer."""
 
     name: str = "greedy-design"
 
 
 @dataclass(frozen=True, slots=True)
 class RandomDesign(_DesignAgent):
-    """Takes any experiment of the same set."""
+    """Chooses a random experiment of the same set."""
 
     name: str = "random-design"
 

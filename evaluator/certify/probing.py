@@ -85,7 +85,7 @@ class Replay:
     """A laboratory with chosen hidden values, whose instruments neither round nor add noise."""
 
     def __init__(self, files: PackFiles, mjcf: str) -> None:
-        """Open the laboratory.
+        """Open a laboratory with the given model.
 
         Args:
             files: The pack of the scene.
@@ -97,7 +97,7 @@ class Replay:
         self._session.world.read_with(self._probe)
 
     def read(self, place: int, tool: str, arguments: Mapping[str, Any], *, slopes: bool) -> Read | None:
-        """Make a call.
+        """Run a call and return its reading.
 
         Args:
             place: Number of the call in the episode, from 0.
@@ -106,7 +106,7 @@ class Replay:
             slopes: Whether to compute derivatives with respect to the instrument errors.
 
         Returns:
-            The numbers that it returned; None for a call without a reading.
+            The numbers that the call returned; None for a call without a reading.
 
         Raises:
             NotMeasurable: The call is refused.
@@ -124,7 +124,7 @@ class Replay:
 
     @contextmanager
     def branch(self) -> Generator[None]:
-        """Undo the calls of the block at its end."""
+        """Restore the state of the laboratory at the end of the block, which undoes the calls made in it."""
         world, state = self._session.world.save(), self._session.state
         try:
             yield

@@ -57,7 +57,7 @@ def prove(files: PackFiles, seed: int) -> tuple[Check, ...]:
         files: The pack.
         seed: The seed from which the variant is drawn.
     """
-    # Loads the engine and the server, which a run on certified seeds does not need.
+    # Imported here, because it loads the engine and the server, which a run on certified seeds does not need.
     from evaluator.certify.keys import check_key  # noqa: PLC0415
     from evaluator.certify.subject import Subject  # noqa: PLC0415
     from evaluator.certify.twins import readings_at_start, revealing  # noqa: PLC0415
@@ -85,7 +85,10 @@ Variant = tuple[int, int]
 
 @dataclass(slots=True)
 class SeedProver:
-    """Decides which seeds may be played, and proves those that no certificate covers."""
+    """Decides whether each seed may be played.
+
+    A seed that the scene's certificate does not cover must first pass the checks.
+    """
 
     packs: Sequence[PackFiles]
     """Packs of the scenes that may be played."""
@@ -101,7 +104,7 @@ class SeedProver:
     _certified: dict[int, int] | None = None
     _known: dict[Variant, SeedProof] = field(default_factory=dict[Variant, SeedProof])
     _read: set[str] = field(default_factory=set[str])
-    """Packs whose cached proofs were read."""
+    """Packs whose cached proofs have been read into memory."""
     _left_out: dict[Variant, SeedProof] = field(default_factory=dict[Variant, SeedProof])
 
     def needs_proof(self, scene: int, seed: int) -> bool:

@@ -28,13 +28,16 @@ from scenes.worlds.records import Certificate, WorldRecord
 from scenes.worlds.terms import Structure
 
 _ROUGH_S = 0.03
-"""Largest time step of the theory's integration that gives an initial guess of the force [s]."""
+"""Largest time step of the numerical integration that gives an initial guess of the force in question [s]."""
 _BESIDE = 1.02
-"""Second guess of the force, as a multiple of the first."""
+"""Second guess of the force, as a multiple of the first; the secant method needs two."""
 _FORCE_TOL = 1e-4
 """Difference of successive forces at which the search stops [N, N·m]."""
 _HELD_STEPS = 4
-"""Time step while bodies are held, as a multiple of the usual one: hidden bodies then move smoothly, and for long."""
+"""Time step while bodies are held, as a multiple of the usual one.
+
+Hidden bodies then move smoothly and for a long time.
+"""
 _HELD = 1e12
 """Inertia that keeps bodies at rest until they are released [kg, kg·m²]."""
 
@@ -80,7 +83,7 @@ def _answer(record: WorldRecord, question: Question, timestep: float | None) -> 
 
 
 def _ended(record: WorldRecord, question: Question, push: Array, timestep: float | None) -> float:
-    """Return the number in question for a given force."""
+    """Simulate a world under a force and return the quantity for which the question states a target."""
     structure, width = record.structure, 2 if record.apparatus.flat else 1
     state = _at_release(record, question, timestep)
     engine = Engine(

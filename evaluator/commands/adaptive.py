@@ -1,4 +1,4 @@
-"""`run --adaptive`: plays episodes in stages; the results of earlier stages decide what the next one plays."""
+"""`run --adaptive`: plays episodes in stages; earlier answers decide which episodes the next stage plays."""
 
 import sys
 from collections.abc import Mapping, Sequence
@@ -61,10 +61,10 @@ def adaptive_config(config: RunConfig, keys: KeyRing) -> tuple[RunConfig, Diffic
 def of_known_difficulty(
     packs: Sequence[PackFiles], difficulties: Path | None, keys: KeyRing
 ) -> tuple[tuple[PackFiles, ...], DifficultyTable]:
-    """Return the packs whose difficulty is known, and the difficulties. Prints which scenes are left out.
+    """Return the packs whose difficulty is known, and the table of difficulties. Prints the omitted scenes.
 
     Args:
-        packs: The packs that were asked for.
+        packs: The requested packs.
         difficulties: File of the difficulties; None for the one that ships.
         keys: Answer keys, which know withdrawn packs.
 
@@ -103,7 +103,7 @@ class _Tests:
     """Why each episode was chosen."""
 
     def add(self, episode: Episode) -> None:
-        """Grade an episode that has ended, and count its answer unless it is unscored."""
+        """Grade an ended episode, and add its answer to the taker's test unless the episode is unscored."""
         self.ended.add(episode.key)
         verdict = strict_verdict(episode, self.keys)
         if verdict is not Verdict.UNSCORED:
@@ -116,7 +116,7 @@ class _Tests:
         return [key for key, _ in chosen]
 
     def give_up(self, stage: Sequence[EpisodeKey]) -> None:
-        """End the tests of takers whose episodes of a stage were not played."""
+        """End the tests of takers whose episodes could not be played in a stage."""
         for key in stage:
             if key not in self.ended:
                 self.takers.pop(condition(key), None)
@@ -130,7 +130,7 @@ async def play_adaptively(
     done: Mapping[EpisodeKey, Episode],
     keys: KeyRing,
 ) -> str:
-    """Play the tests of all takers in stages, which fill the places of the run.
+    """Play the adaptive tests of all takers in stages, with as many concurrent episodes as the run allows.
 
     Args:
         config: The configuration of the run.

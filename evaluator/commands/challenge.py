@@ -53,7 +53,7 @@ proxy with TLS before them, on this machine, and name it by --public-address. Ct
 report. The run folder is an ordinary one, of the agent `human`; each person is a repetition (epoch) in it.
 """
 _LINGER_S = 3.0
-"""Time in which the pages learn how the challenge ended [s]."""
+"""Time for which the server keeps running at the end, so that open pages can show it [s]."""
 _SETTINGS = ("people", "scenes", "adaptive", "seeds", "budget", "minutes", "feedback", "organiser")
 """Options that cannot be changed once people have links."""
 
@@ -108,25 +108,25 @@ def add(commands: Commands) -> None:
 
 @dataclass(frozen=True, slots=True)
 class _Settings:
-    """What a challenge plays."""
+    """The settings of a challenge: scenes, difficulties and addresses."""
 
     challenge: Challenge
     plan: Plan
     packs: tuple[PackFiles, ...]
     table: DifficultyTable | None
-    """Difficulties; None if the scenes are a list."""
+    """Difficulties of an adaptive challenge; None if the scenes are given as a list."""
 
 
 @dataclass(frozen=True, slots=True)
 class _Address:
     here: str
-    """Address of the pages on this machine."""
+    """Base URL of the pages on this machine."""
     public: str
-    """Address of the proxy; empty without one."""
+    """Base URL of the proxy; empty without one."""
 
     @property
     def hosts(self) -> list[str]:
-        """Host names besides those of this machine."""
+        """Accepted host names in addition to those of this machine."""
         return [urlsplit(self.public).hostname or ""] if self.public else []
 
 
@@ -191,10 +191,10 @@ def _new(args: argparse.Namespace, keys: KeyRing) -> _Settings:
 
 
 def _stored(folder: RunFolder, challenge: Challenge, args: argparse.Namespace) -> _Settings:
-    """The settings of a challenge that goes on.
+    """The settings of a challenge that is resumed from its run folder.
 
     Raises:
-        UsageError: The difficulties have changed.
+        UsageError: The file of difficulties has changed.
     """
     plan = folder.read_run().plan
     packs = tuple(find_pack(scene, args.scenes_dir) for scene in plan.scenes)
@@ -207,10 +207,10 @@ def _stored(folder: RunFolder, challenge: Challenge, args: argparse.Namespace) -
 
 
 def _address(text: str | None) -> str:
-    """The address before all tokens; empty without a proxy.
+    """The base URL of all links; empty without a proxy.
 
     Raises:
-        UsageError: The text is no address of a web server.
+        UsageError: The text is not the URL of a web server.
     """
     if text is None:
         return ""

@@ -1,4 +1,7 @@
-"""The people of a challenge on disk: their codes, the hashes of their links, and when they agreed. No names."""
+"""Files about the participants of a challenge: their codes, the hashes of their links, and when they consented.
+
+They contain no names.
+"""
 
 import csv
 import io
@@ -21,26 +24,26 @@ MOST_PEOPLE = 500
 
 
 class Person(Record):
-    """One person."""
+    """One participant."""
 
     number: int
-    """The number that stands for the person: the repetition (`epoch`) of all their episodes."""
+    """Number of the person, which is also the `epoch` of all their episodes."""
     token_sha256: str
     """SHA-256 of the token in the person's link; empty once their data are deleted."""
     agreed_at: str | None = None
-    """When the person agreed; None before."""
+    """When the person consented; None before."""
 
 
 class Challenge(Record):
-    """`challenge.json`: what `run.json` does not hold of a challenge."""
+    """`challenge.json`: the facts about a challenge that are not in `run.json`."""
 
     format: Literal[1] = 1
     minutes: float | None = Field(default=None, gt=0)
-    """Time of each person, from their consent on [min]; None without a limit."""
+    """Time limit of each person, counted from their consent [min]; None without a limit."""
     feedback: bool = False
     """Whether people learn after each scene whether their answer was right."""
     organiser: str
-    """Whom people ask for the deletion of their data."""
+    """Contact whom participants ask to delete their data."""
     people: tuple[Person, ...]
 
     def code(self, number: int) -> str:
@@ -48,7 +51,7 @@ class Challenge(Record):
         return f"{number:0{max(2, len(str(len(self.people))))}}"
 
     def consent(self, number: int) -> str:
-        """The sentence that a person agrees to."""
+        """The sentence to which a person consents."""
         return (
             f"I take part of my own free will: my calls, my answers and their times are stored under the code"
             f" {self.code(number)}, without my name, and are deleted if I give this code to {self.organiser}."
@@ -58,7 +61,7 @@ class Challenge(Record):
         """Find a person by the code.
 
         Raises:
-            UsageError: Nobody has this code, or the data have been deleted before.
+            UsageError: No participant has this code, or their data have been deleted.
         """
         found = [one for one in self.people if code.isdecimal() and one.number == int(code)]
         if not found:
@@ -69,7 +72,7 @@ class Challenge(Record):
         return found[0]
 
     def changed(self, person: Person) -> Self:
-        """Return the record with a changed person."""
+        """Return a copy of the record with one person replaced."""
         people = (person if one.number == person.number else one for one in self.people)
         return self.model_copy(update={"people": tuple(people)})
 
@@ -98,7 +101,7 @@ def write_challenge(folder: RunFolder, challenge: Challenge) -> None:
 
 
 def agreed(person: Person) -> Person:
-    """Return a person who agrees now."""
+    """Return a copy of the person with the present time as the time of consent."""
     return person.model_copy(update={"agreed_at": datetime.now(UTC).isoformat(timespec="seconds")})
 
 
@@ -108,7 +111,10 @@ def links_file(folder: RunFolder) -> Path:
 
 
 def with_tokens(folder: RunFolder, challenge: Challenge) -> tuple[Challenge, dict[int, str]]:
-    """Return the challenge and the token of each person; new ones if the table of links is missing or of others."""
+    """Return the challenge and the token of each person.
+
+    New tokens are made if the table of links is missing or belongs to another challenge.
+    """
     tokens = _stored_tokens(links_file(folder))
     people: list[Person] = []
     found: dict[int, str] = {}
@@ -125,7 +131,7 @@ def with_tokens(folder: RunFolder, challenge: Challenge) -> tuple[Challenge, dic
 
 
 def write_links(folder: RunFolder, challenge: Challenge, tokens: dict[int, str], address: str) -> Path:
-    """Write the table of links, which only its owner may read.
+    """Write the table of links, readable only by its owner.
 
     Args:
         folder: The run folder.
@@ -168,7 +174,7 @@ def _stored_tokens(file: Path) -> dict[int, str]:
 
 
 def _stored_rows(file: Path) -> list[tuple[str, str]]:
-    """Return code and link of each person; empty without a table."""
+    """Return code and link of each person in the table; empty if there is no table."""
     try:
         rows = list(csv.reader(io.StringIO(file.read_text(encoding="utf-8"))))[1:] if file.exists() else []
         return [(f"{int(code):0{len(code)}}", link) for code, link in rows]

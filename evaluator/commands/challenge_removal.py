@@ -1,4 +1,4 @@
-"""`challenge --forget`: deletes everything that one person did in a challenge."""
+"""`challenge --forget`: deletes the episodes of one person and everything derived from them."""
 
 import shutil
 from pathlib import Path
@@ -25,15 +25,15 @@ _DERIVED = {
     ),
     *("evidence.jsonl", "exchanges.parquet", "inspect", "seal.json", "running.json", "episodes.jsonl.torn"),
 }
-"""Files and folders that are made from the records, and can be made again."""
+"""Files and folders that are derived from the records and can be made again."""
 _DERIVED_NAMES = ("grades.*.jsonl", "tables*.csv", "tables.*", "evidence.jsonl.torn")
 
 
 def remove_person(folder: RunFolder, challenge: Challenge, code: str, keys: KeyRing, console: Console) -> None:
-    """Delete the episodes of a person and all files that are made from episodes; then grade the others again.
+    """Delete the episodes of a person and all files derived from episodes; then grade the remaining episodes again.
 
     Raises:
-        UsageError: Nobody has this code.
+        UsageError: No participant has this code.
         StoreError: The challenge is running, or a file cannot be written.
     """
     person = challenge.person(code)

@@ -1,4 +1,4 @@
-"""A challenge while it runs: everyone plays at their own pace, on one episode server, into one run folder."""
+"""A running challenge: each participant plays at their own pace, on one shared episode server, into one run folder."""
 
 import math
 import time
@@ -25,29 +25,29 @@ from evaluator.store.run_folder import RunFolder
 from scenes import PackFiles, reference_of
 
 AGENT = "human"
-"""Name of the agent in the records: that of every person who plays."""
+"""Name of the agent in the records; the same for every person."""
 TIME_OVER, ENDED = "the time was over", "the challenge was ended"
-"""Why an episode ended without an answer, besides the person's own decision."""
+"""Reasons, besides the person's own decision, why an episode ended without an answer."""
 
 Next = tuple[EpisodeKey, Choice | None]
 
 
 @dataclass(slots=True)
 class RemainingEpisodes:
-    """The episodes that a person has still to play: a list, or an adaptive test."""
+    """The episodes that a person has not played yet: a fixed list, or the pool of an adaptive test."""
 
     waiting: list[EpisodeKey]
     test: AdaptiveTest | None = None
-    """Chooses from `waiting`, which it shares; None to play them in order."""
+    """Adaptive test that chooses from `waiting`, which it shares; None to play the episodes in order."""
 
     def following(self) -> Next | None:
-        """Take the next episode; None if there is none."""
+        """Remove and return the next episode; None if there is none."""
         if self.test is not None:
             return next(iter(self.test.choose(1)), None)
         return (self.waiting.pop(0), None) if self.waiting else None
 
     def add(self, key: EpisodeKey, verdict: Verdict) -> None:
-        """Count an episode that has been played."""
+        """Pass the verdict on a played episode to the adaptive test, if there is one."""
         if self.test is not None and verdict is not Verdict.UNSCORED:
             self.test.add(key, is_right=verdict is Verdict.CORRECT)
 
@@ -55,11 +55,11 @@ class RemainingEpisodes:
 def remaining_of(
     keys: Sequence[EpisodeKey], done: Mapping[EpisodeKey, Verdict], table: DifficultyTable | None, se: float | None
 ) -> RemainingEpisodes:
-    """Return what a person has still to play.
+    """Return the episodes that a person has not played yet.
 
     Args:
         keys: All episodes that the person may play.
-        done: Verdicts on those that are played.
+        done: Verdicts on the episodes that have been played.
         table: Difficulties for an adaptive test; None for a list.
         se: Standard error at which the test ends [logits].
     """
@@ -74,7 +74,7 @@ def remaining_of(
 
 @dataclass(slots=True)
 class RunningChallenge:
-    """A running challenge."""
+    """State of a running challenge."""
 
     folder: RunFolder
     challenge: Challenge
@@ -83,7 +83,7 @@ class RunningChallenge:
     keys: KeyRing
     console: Console
     pages: dict[int, PageState] = field(default_factory=dict[int, PageState])
-    """Number of a person → what their page shows."""
+    """Number of a person → state of their page."""
     _writing: anyio.Lock = field(default_factory=anyio.Lock)
 
     def page_of(self, person: Person) -> PageState:
@@ -94,12 +94,12 @@ class RunningChallenge:
         return page
 
     def end(self) -> None:
-        """Let all episodes end; nothing more is played."""
+        """End all running episodes, and start no further one."""
         for page in self.pages.values():
             page.close(ENDED)
 
     async def attend(self, person: Person, left: RemainingEpisodes, laboratory: EpisodeConnector) -> None:
-        """Let a person agree and play, until there is nothing more to play or their time is over."""
+        """Let a person consent and play, until all their episodes are played or their time is over."""
         page = self.pages[person.number]
         assert page.visitor is not None
         await page.agreement()
@@ -113,7 +113,7 @@ class RunningChallenge:
         self.console.print(f"{page.visitor.code}: has finished", highlight=False)
 
     def _start_clock(self, person: Person, visitor: Visitor) -> None:
-        """Note the consent, and set the end of the person's time. A restart of the command does not extend it."""
+        """Record the consent, and set the end of the person's time. Restarting the command does not extend the time."""
         spent_s = 0.0
         if person.agreed_at is None:
             self.challenge = self.challenge.changed(agreed(person))
@@ -150,7 +150,9 @@ class RunningChallenge:
         left: RemainingEpisodes,
         laboratory: EpisodeConnector,
     ) -> Ending:
-        """Play and record an episode. One that the organiser or the clock ended before its first turn is not recorded.
+        """Play and record an episode.
+
+        An episode that the organiser or the time limit ended before its first turn is not recorded.
 
         Raises:
             InfrastructureError: The laboratory failed.
@@ -189,6 +191,6 @@ class RunningChallenge:
 
 
 async def _end_in_time(page: PageState, ends_at: float | None) -> None:
-    """End the person's episode when their time is over, and let them play no further one."""
+    """End the person's episode when their time is over, and start no further one."""
     await anyio.sleep(math.inf if ends_at is None else max(0.0, ends_at - time.monotonic()))
     page.close(TIME_OVER)

@@ -1,4 +1,4 @@
-"""The verdicts on evidence as a table on the terminal, for the commands that show them."""
+"""Tables of evidence verdicts, printed by several commands."""
 
 from collections.abc import Mapping
 

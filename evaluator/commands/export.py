@@ -107,7 +107,7 @@ def _tasks(args: argparse.Namespace) -> int:
     """Write the tasks of the suite.
 
     Raises:
-        UsageError: A run folder is named, or no place to write to.
+        UsageError: A run folder is given, or the output folder is missing.
         StoreError: The folder cannot be written.
     """
     if args.folder is not None or args.out is None:

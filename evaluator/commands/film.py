@@ -28,7 +28,7 @@ from evaluator.study.integrity import seeds_of
 from evaluator.study.provenance import refuse_other_worlds
 
 _FILMS_EACH = 8
-"""Smallest number of films that is worth another process, which takes about a second to start."""
+"""Smallest number of films per worker process, because starting a process takes about a second."""
 
 _DESCRIPTION = f"""\
 Make films of stored episodes for the report: each is played again, and what its agent could see is kept

@@ -69,8 +69,8 @@ def _name(key: EpisodeKey, record_sha256: str) -> str:
 
 
 def _drawn(folder: Path, scenes_dir: Path | None, episode: Episode, record_sha256: str) -> _Image | str:
-    """Render the image of a film, or say why that is impossible; runs in a process of `renderers`."""
-    # After the choice of the graphics library, so only in that process.
+    """Render the animated image of a film; returns the image, or an error message. Runs in a process of `renderers`."""
+    # Imported here, because the graphics library must be chosen first.
     from evaluator.certify.moving_pictures import moving_plate  # noqa: PLC0415 - as above
     from evaluator.films.animation import animation_of  # noqa: PLC0415 - as above
 

@@ -1,4 +1,4 @@
-"""The last step of every command that plays or grades a run: grades, summary, report, results on the terminal."""
+"""The last step of commands that play or grade a run: writes grades, summary and report, and prints results."""
 
 import sys
 from collections.abc import Collection, Sequence

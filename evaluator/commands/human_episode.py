@@ -1,4 +1,4 @@
-"""An episode that a person plays, in the terminal or on the page: opened, recorded and graded as any other."""
+"""An episode that a person plays in the terminal or the browser. It is opened, recorded and graded like any other."""
 
 import contextlib
 from collections.abc import Generator
@@ -30,7 +30,7 @@ from scenes.public import read_public
 
 @dataclass(frozen=True, slots=True)
 class PreparedEpisode:
-    """An episode that a person is about to play, and the run folder in which it is recorded."""
+    """An episode that a person will play, with the run folder that records it."""
 
     files: PackFiles
     seed: int
@@ -39,7 +39,7 @@ class PreparedEpisode:
 
 @dataclass(frozen=True, slots=True)
 class HumanPlay:
-    """The settings of the command that every episode of a person shares."""
+    """Settings shared by all episodes that a person plays in one run of the command."""
 
     server: str
     scenes_dir: Path | None
@@ -63,7 +63,7 @@ class HumanPlay:
         """Let the person play. `run.json` is written only if the person took a turn.
 
         Args:
-            variant: What is played.
+            variant: The prepared episode.
             player: The agent that passes on the person's calls from the terminal, or the state of the web page.
 
         Raises:
@@ -107,7 +107,7 @@ class HumanPlay:
 async def play_on_page(
     page: PageState, client: Client, key: EpisodeKey, files: PackFiles, versions: Versions
 ) -> Episode:
-    """Let a person play an episode on a web page. What the page shows besides the results is not recorded.
+    """Let a person play an episode on a web page. The views that the page shows are not recorded.
 
     Args:
         page: State of the page.

@@ -1,4 +1,4 @@
-"""`physment-eval keep-baselines`: makes the baseline run that ships with the package from a run folder."""
+"""`physment-eval keep-baselines`: converts a run folder to the baseline run that ships with the package."""
 
 import argparse
 import lzma

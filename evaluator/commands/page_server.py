@@ -1,4 +1,4 @@
-"""Serves the pages of people who play while a block runs; signals first let their episodes end."""
+"""Serves the browser pages of people who play. A signal first ends their episodes and then the server."""
 
 import contextlib
 import functools
@@ -26,7 +26,7 @@ async def serving(
     Args:
         application: The ASGI application.
         listener: The listening socket.
-        close: Called at Ctrl-C and SIGTERM; it lets the block end.
+        close: Called at Ctrl-C and SIGTERM; it must cause the block to end.
         linger_s: Time for open requests of the pages after the block [s].
         most: Largest number of connections; further ones get status 503. None for no limit.
     """

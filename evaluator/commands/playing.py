@@ -51,7 +51,7 @@ class PreparedRun:
     forked_from: ForkedRun | None = None
     """The run whose episodes are continued; None if they are played from their start."""
     seed_proofs: SeedProofs | None = None
-    """What is known of seeds that no certificate covers; None if nothing was asked."""
+    """Results of the proofs of seeds that no certificate covers; None if no proofs were requested."""
     table: DifficultyTable | None = None
     """Difficulties of the scenes for an adaptive test; None to play all keys."""
 
@@ -154,7 +154,7 @@ async def _play_missing(run: PreparedRun) -> str:
 
 
 def _redaction(laboratory: EpisodeConnector) -> Redaction:
-    """The redaction of all records: API keys of the providers and the token of the host."""
+    """The redaction that is applied to all records. It removes API keys of the providers and the token of the host."""
     token = laboratory.token if isinstance(laboratory, HostConnector) else None
     return Redaction.of(os.environ, {"host token": token} if token else {})
 

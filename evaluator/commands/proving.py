@@ -1,4 +1,4 @@
-"""Proves the seeds of a run that no certificate covers, before they are played. Used by `run`."""
+"""Checks the seeds of a run that no certificate covers, before `run` plays them."""
 
 import sys
 from collections.abc import Generator, Iterable, Sequence
@@ -19,17 +19,19 @@ _NAMED = 3
 
 
 def prove_seeds(config: RunConfig, plan: Plan) -> tuple[Plan, SeedProofs]:
-    """Prove the seeds of a plan. A seed that fails is replaced by the next one, unless the operator named it.
+    """Check the seeds of a plan that no certificate covers.
+
+    A seed that fails is replaced, unless the operator named it.
 
     Args:
-        config: The run.
-        plan: Its matrix.
+        config: The configuration of the run.
+        plan: Its episodes.
 
     Returns:
-        The matrix to play, and what its record says about the seeds.
+        The plan with replaced seeds, and the entry about the proofs for the record of the run.
 
     Raises:
-        UsageError: A seed that the operator named cannot be proved, or no seed is left to take the place of another.
+        UsageError: A seed that the operator named fails, or there is no seed left to replace another one.
     """
     prover = SeedProver(config.packs, config.scenes_dir, config.seed_of, plan.held_back, skip=config.unproved)
     wanted = list(dict.fromkeys((key.scene, key.seed) for key in plan.matrix()))
@@ -40,10 +42,10 @@ def prove_seeds(config: RunConfig, plan: Plan) -> tuple[Plan, SeedProofs]:
 
 
 async def _replaced(prover: SeedProver, config: RunConfig, wanted: Sequence[Variant]) -> dict[str, dict[int, int]]:
-    """Prove variants; scene → seed that fails → the proved or certified seed that takes its place.
+    """Check variants; return, for each scene, each failed seed with the seed that replaces it.
 
     Raises:
-        UsageError: No seed may take the place of one that fails.
+        UsageError: There is no seed left to replace one that fails.
     """
     packs = {files.scene_id: files for files in config.packs}
     taken, stands_for = set(wanted), dict(zip(wanted, wanted, strict=True))
@@ -83,10 +85,10 @@ def _progress() -> Generator[Progress]:
 
 
 def _spare(config: RunConfig, seed: int) -> Iterable[int]:
-    """Seeds that may take the place of a seed, in order; none if the operator named it."""
+    """Seeds that may replace a failed seed, in order; none if the operator named it."""
     if seed in config.seeds:
         return config.spare_seeds
-    # A program plays seeds of its own at each further repetition, which nobody named.
+    # At each further repetition, an external program plays other seeds, which the operator did not name.
     shift = next(SEED_SHIFT * number for number in count(1) if seed - SEED_SHIFT * number in config.seeds)
     return range(max(config.seeds) + 1 + shift, SEED_SHIFT + shift)
 

@@ -101,7 +101,7 @@ def add(commands: Commands) -> None:
 
 
 def _add_service(command: argparse.ArgumentParser) -> None:
-    """Declare where and whom it serves, and what it knows and keeps."""
+    """Declare the options of the service: address, token, scenes, and the files that it writes."""
     command.add_argument(
         "--shaping",
         action="store_true",
@@ -161,7 +161,7 @@ def _referee(args: argparse.Namespace) -> int:
 
 
 def _difficulties(file: Path | None, packs: Iterable[PackFiles]) -> dict[int, tuple[float, float]]:
-    """Difficulty and standard error of each pack that a calibration has; without a file, by the calibration that ships.
+    """Read the difficulty and standard error of each pack in a calibration; by default the shipped one.
 
     Raises:
         UsageError: The file is not a calibration.

@@ -114,7 +114,7 @@ def _report(args: argparse.Namespace) -> int:
 
 
 def _followed(what: str, count: int, items: Iterable[T]) -> Iterable[T]:
-    """Pass on items, with a progress bar on a terminal."""
+    """Yield the items unchanged, and show a progress bar on a terminal."""
     console = Console(stderr=True)
     return track(items, what, count, console=console, transient=True, disable=not console.is_terminal)
 

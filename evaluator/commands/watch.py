@@ -73,7 +73,7 @@ def _watch(args: argparse.Namespace) -> int:
 
 
 def _follow(folder: RunFolder, scenes_dir: Path | None, seed_key: Path | None) -> FollowedRun | None:
-    """Open a run; None if its folder does not exist, or is still empty.
+    """Open the run that `watch` follows; None if its folder does not exist yet, or is still empty.
 
     Raises:
         StoreError: The folder holds something else.

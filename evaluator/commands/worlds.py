@@ -260,7 +260,7 @@ def _verify(args: argparse.Namespace) -> int:
 def _faults(
     console: Console, level: int, worlds: list[tuple[WorldRecord, Certificate]], workers: int
 ) -> dict[int, str]:
-    """Index of each faulty world → its fault."""
+    """Check worlds; return the fault of each faulty one, by its index."""
     from evaluator.certify.worlds import faults_of  # noqa: PLC0415 - only this command needs the engine
 
     faults: dict[int, str] = {}

@@ -107,7 +107,7 @@ class Toolboxes:
     look: Look | None = None
     _lock: anyio.Lock = field(default_factory=anyio.Lock, repr=False)
     _alike: bool = True
-    """Whether the server's replies allowed sharing the tools between clients so far."""
+    """Whether all replies of the server so far allowed clients to share the list of tools."""
     _kept: dict[int, tuple[Toolbox, float]] = field(default_factory=dict[int, tuple[Toolbox, float]])
     """Scene → its tools, and until when they are fresh."""
     _listed: list[tuple[Sequence[types.Tool], Toolbox]] = field(

@@ -9,7 +9,7 @@ from evaluator.records.episode import EpisodeKey
 
 @dataclass(slots=True)
 class Underway:
-    """State of a running episode. It changes while the episode is played; none of it is recorded."""
+    """State of a running episode for displays. It changes during play and is not recorded."""
 
     key: EpisodeKey
     turn: int = 0

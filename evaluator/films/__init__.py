@@ -1,1 +1,1 @@
-"""Films: stored episodes are replayed, and what could be seen is kept in small files."""
+"""Films: replays of stored episodes whose visible content is kept in small files."""

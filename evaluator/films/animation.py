@@ -17,15 +17,15 @@ MOST_FRAMES = 180
 _FRAME_S = 0.08
 """Wall time of a frame in which things move [s]."""
 _LONGEST_S, _SHORTEST_S = 12.0, 2.0
-"""Wall time of all motion [s], as far as a power of two of the speed allows."""
+"""Range of the total wall time of all motion [s]; the speed, a power of two, may make it leave this range."""
 _READ_S, _READ_ALL_S = 0.8, 20.0
-"""Wall time for which a return is shown, and for which all are [s]."""
+"""Wall time for which one result is shown, and upper limit for all results together [s]."""
 _FIRST_S, _LAST_S = 1.0, 2.5
 """Wall time of the first and of the last frame [s]."""
 
 
 class Animation(NamedTuple):
-    """What an animated image of an episode shows."""
+    """The content of an animated image of an episode."""
 
     things: Sequence[Shown]
     moments: Sequence[Moment]
@@ -78,7 +78,7 @@ class _Frames:
         self._speed = _speed(duration)
 
     def moments(self) -> Iterator[Moment]:
-        """Yield all frames, of which there may be too many."""
+        """Yield all frames before thinning, which may be more than `MOST_FRAMES`."""
         yield self._moment(0.0, 0, ["before the first call"], _FIRST_S)
         read_s = min(_READ_S, _READ_ALL_S / max(1, len(self._calls)))
         for made, call in enumerate(self._calls, start=1):
@@ -89,11 +89,11 @@ class _Frames:
             yield self._moment(float(call.end), made, [asked, _returned(call.row)], _LAST_S if is_last else read_s)
 
     def _lasts(self, call: _Call) -> float:
-        """Return how much time passes in a call [s]; 0 where it goes back."""
+        """Return the simulated time that a call takes [s]; 0 if the call resets the clock."""
         return max(0.0, float(self._motion.times[call.end] - self._motion.times[call.start]))
 
     def _positions(self, call: _Call) -> Sequence[float]:
-        """Return the positions of the film, in equal steps of time, that a call passes before its end."""
+        """Return positions in the film at equal intervals of simulated time, from the start to the end of a call."""
         count = int(self._lasts(call) / self._speed / _FRAME_S)
         times: list[float] = self._motion.times[call.start : call.end + 1].tolist()
         wanted = [times[0] + (times[-1] - times[0]) * step / count for step in range(1, count)]
@@ -141,7 +141,7 @@ def _returned(row: CallRow) -> str:
 
 
 def _speed(duration: float) -> float:
-    """Return simulated seconds per second of wall time, a power of two."""
+    """Return the playback speed in simulated seconds per second of wall time, a power of two."""
     speed = 1.0
     while duration / speed > _LONGEST_S:
         speed *= 2
@@ -157,7 +157,10 @@ def _factor(speed: float) -> str:
 
 
 def _thinned(moments: Sequence[Moment], most: int) -> list[Moment]:
-    """Keep every so-manieth frame and the last; each also lasts for those before it that are left out."""
+    """Keep every n-th frame and the last one, at most `most`.
+
+    Each kept frame also lasts for the omitted ones before it.
+    """
     every = -(-len(moments) // most)
     kept: list[Moment] = []
     for _, group in groupby(enumerate(reversed(moments)), key=lambda item: item[0] // every):

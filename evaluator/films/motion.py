@@ -137,10 +137,10 @@ class Motion(NamedTuple):
     """Body → position [m] and quaternion at each instant (n, 7)."""
 
     def at(self, position: float) -> dict[str, list[float]]:
-        """Return the poses of all bodies.
+        """Return the poses of all bodies at one moment.
 
         Args:
-            position: Index of an instant, plus a share of the way to the next.
+            position: Index of an instant, plus the fraction of the interval to the next one.
         """
         first = min(int(position), len(self.times) - 1)
         share, following = position - first, min(first + 1, len(self.times) - 1)

@@ -19,7 +19,7 @@ from scenes import Category, Pack, PackFiles, Rung
 
 @dataclass(frozen=True, slots=True)
 class Picture:
-    """PNG files of a scene's picture and thumbnail; both empty if rendering failed."""
+    """A scene's picture and thumbnail as PNG files; both empty if rendering failed."""
 
     png: bytes = b""
     thumbnail: bytes = b""

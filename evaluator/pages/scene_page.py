@@ -1,6 +1,6 @@
-"""Generates the documentation page of one scene: what an agent is told of it, how it is certified, and how to play it.
+"""Generates the documentation page of one scene: its task and public facts, its certificate, and how to play it.
 
-It reads the public half of a pack only. Knows no files.
+Reads only the public half of a pack, and no files.
 """
 
 from collections.abc import Sequence

@@ -173,7 +173,11 @@ def span(ends: tuple[int, int]) -> str:
 
 
 def page_name(scene: int | str) -> str:
-    """Return the file name of the page of a scene; with another text than a number, a pattern of such names."""
+    """Return the file name of the page of a scene.
+
+    Args:
+        scene: Id of the scene, or a pattern for it, which gives a pattern of file names.
+    """
     return f"scene{scene}.md"
 
 

@@ -249,20 +249,28 @@ class LawGrade(Record):
     sha256: str
     """First 16 digits of the hash of the law as JSON."""
     equivalent: bool
-    """Whether the law moves the objects like that of the laboratory: both errors below are at most 5 %, and no quantity
-    is missing on which an acceleration depends."""
+    """Whether the law predicts the same motion as the laboratory's law.
+
+    Both errors below must be at most 5 %, and the law must depend on every quantity on which an acceleration depends.
+    """
     error_within: float | None = None
-    """Median error of courses from random states under random loads within the laboratory's reach, relative to how far
-    the objects move; null if the law has no finite course."""
+    """Median error of the predicted motion, relative to the distance moved.
+
+    The median is over random initial states and loads within the limits of the laboratory; null if the law has no
+    finite solution.
+    """
     error_beyond: float | None = None
-    """As `error_within`, from places beyond the rim, with larger speeds and loads, and later."""
+    """Like `error_within`, for positions outside the laboratory's region, larger speeds and loads, and later times."""
     dependence_f1: float = 0.0
-    """F1 score of the pairs of an acceleration and a quantity on which it depends."""
+    """F1 score of the pairs of an acceleration and a quantity on which it depends; see `evaluator.answers.laws`."""
     length: int = 0
-    """Length of the description: the number of names, numbers, operators and functions."""
+    """Complexity of the law: its number of names, numbers, operators and functions."""
     refused: str = ""
-    """Why the law cannot be read or compared; empty for other laws. The laboratory refuses laws that cannot be read, so
-    this needs an edited record, an older version, or a laboratory with very much time."""
+    """Why the law cannot be parsed or compared; empty for other laws.
+
+    The laboratory refuses laws that cannot be parsed, so such a law is from an edited record or an older version. A law
+    cannot be compared if that would take too many operations (see `evaluator.answers.laws.MAX_WORK`).
+    """
 
 
 class GradeRecord(Record):
@@ -275,4 +283,4 @@ class GradeRecord(Record):
     grader_version: str
     pack_version: str
     law: LawGrade | None = Field(default=None, exclude_if=is_absent)
-    """Grade of the law that was stated with the answer; absent if none was stated, or none can be."""
+    """Grade of the law that was stated with the answer; absent if the agent stated none, or the scene asks for none."""

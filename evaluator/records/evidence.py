@@ -1,4 +1,4 @@
-"""What the experiments of an episode determine, as frozen records. Knows no files and no engine."""
+"""Records of how well the experiments of an episode determine its answer. Knows no files and no engine."""
 
 from collections.abc import Iterable
 from enum import StrEnum

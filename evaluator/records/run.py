@@ -27,7 +27,7 @@ class OpenRecord(Record):
 
 
 class AdaptivePlan(OpenRecord):
-    """When an adaptive test ends, and by which difficulties it chooses scenes."""
+    """The stopping rule of an adaptive test, and the calibration by which it chooses scenes."""
 
     se: float
     """Standard error of the ability at which the test of an agent ends [logits]."""
@@ -57,10 +57,12 @@ class Plan(OpenRecord):
     """Commitment to the key of held-back seeds. `seeds` are then numbers of variants, from which only the key derives
     the real seeds. Absent if `seeds` are the real seeds."""
     presentation: tuple[str, ...] = Field(default=(), exclude_if=is_absent)
-    """What differed for the agents from the episodes as the laboratory presents them, such as `names`; absent if
-    nothing did. Records hold the laboratory's own terms."""
+    """Changes of the presentation that agents received, such as `names`; absent if there were none.
+
+    Records always hold the laboratory's own terms.
+    """
     replaced: dict[str, dict[int, int]] = Field(default_factory=dict[str, dict[int, int]], exclude_if=is_absent)
-    """Scene → seed that could not be proved → the seed that is played in its place; absent if there is none."""
+    """Scene → seed that failed its checks → seed that is played instead; absent if none was replaced."""
     adaptive: AdaptivePlan | None = Field(default=None, exclude_if=is_absent)
     """Set if an adaptive test chose which episodes of the matrix to play; absent if all are played."""
 
@@ -86,14 +88,19 @@ class Plan(OpenRecord):
 
 
 class SeedProofs(OpenRecord):
-    """What is known of the seeds that no certificate covers. Worlds are left out: theirs do not depend on the seed."""
+    """Results of the checks of seeds that no certificate covers.
+
+    Worlds are omitted, because theirs do not depend on the seed.
+    """
 
     proved: dict[str, tuple[int, ...]] = Field(default_factory=dict[str, tuple[int, ...]], exclude_if=is_absent)
-    """Scene → seeds that were proved before they were played; absent if there are none."""
+    """Scene → seeds that passed the checks before they were played; absent if there are none."""
     unproved: dict[str, tuple[int, ...]] = Field(default_factory=dict[str, tuple[int, ...]], exclude_if=is_absent)
-    """Scene → seeds that were played without a proof: the operator wanted it, or the scene has no certificate."""
+    """Scene → seeds that were played unchecked, because the operator disabled the checks or the scene has no
+    certificate.
+    """
     left_out: dict[str, dict[int, str]] = Field(default_factory=dict[str, dict[int, str]], exclude_if=is_absent)
-    """Scene → seed that was not played → the certificates that it fails; absent if there are none."""
+    """Scene → seed that was not played → names of the certificates that it fails; absent if there are none."""
 
 
 class PlayedWorld(OpenRecord):
@@ -173,7 +180,7 @@ class RunRecord(OpenRecord):
     worlds: dict[str, PlayedWorld] = Field(default_factory=dict[str, PlayedWorld], exclude_if=is_absent)
     """Reference of a world → its provenance; absent if there are no worlds."""
     seed_proofs: SeedProofs | None = Field(default=None, exclude_if=is_absent)
-    """What is known of seeds that no certificate covers; absent in records of versions that proved none."""
+    """Results of the checks of seeds that no certificate covers; absent in records of older versions without checks."""
     versions: dict[str, str | None] = Field(default_factory=dict)
     """Python, platform and packages → version, at the first start."""
     git_revision: str | None = None

@@ -49,9 +49,9 @@ class WantedEpisode(BaseModel):
     split: str | None = Field(default=None, max_length=100)
     """Name of a split, with or without its version, such as `train` or `train@1`."""
     index: int | None = Field(default=None, ge=0, le=LARGEST)
-    """Place in the split."""
+    """Position in the numbering of the split's variants; see `selection.variant_of`."""
     random_seed: int | None = Field(default=None, ge=-LARGEST, le=LARGEST)
-    """Seed of a random place in the split."""
+    """Random seed that selects a position in the split."""
     budget: int = Field(default=20, ge=1, le=1000)
     """Number of iterations stated in the opening prompt. The trainer counts them."""
     max_calls: int = Field(default=MOST_CALLS, ge=1, le=MOST_CALLS)
@@ -65,13 +65,13 @@ class WantedGroup(WantedEpisode):
     count: int | None = Field(default=None, ge=1, le=MOST_IN_GROUP)
     """Number of episodes, all of which are opened or none; None for a single episode."""
     curriculum: str | None = Field(default=None, pattern=r"^[A-Za-z0-9_.-]{1,100}$")
-    """Name of a curriculum, from whose window the variant is drawn; None for none."""
+    """Name of a curriculum, which then chooses the variant; None for none."""
 
 
 class WantedVariants(WantedWorld):
-    """Query of `GET /variants`: a split, or worlds by level or by their parts, and which page of them."""
+    """Query parameters of `GET /variants`: a split, or worlds by level or parts, and the page of the list."""
 
-    # The values of a query are text.
+    # Query parameters are strings.
     model_config = ConfigDict(extra="forbid", strict=False)
 
     split: str | None = Field(default=None, max_length=100)
@@ -102,10 +102,12 @@ class Variant:
     split: str = ""
     """Name and version of the split, such as `train@1`; empty if none was named."""
     index: int | None = None
-    """Its place in the split; None without one."""
+    """Its position in the split; None without one."""
     step: tuple[str, int, int] | None = None
-    """Curriculum from which it was drawn, its step of difficulty there, and the number of the window's place then; None
-    without one."""
+    """The curriculum that drew the variant, the difficulty step, and the `place` of its window;
+
+    None without a curriculum.
+    """
 
 
 @dataclass(frozen=True, slots=True)
@@ -129,9 +131,9 @@ class Reward:
     reward: float
     answer: AnswerReward
     cost: float
-    """Deduction for iterations and calls."""
+    """Amount that was subtracted for iterations and calls."""
     grade: Grade
     outcome: Outcome
     calls: int
     shaping: list[float] | None = None
-    """Shaping reward of each call; None if it was not asked for or is not measurable."""
+    """Shaping reward of each call; None if the referee computes none or they are not measurable."""

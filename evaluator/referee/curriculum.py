@@ -1,7 +1,8 @@
-"""Curricula of trainers: windows on steps of difficulty that follow the success rate of an agent.
+"""Curricula for trainers: the difficulty of the episodes follows the success rate of the agent.
 
-A trainer names its curriculum, and each name has a window of its own. Episodes are drawn from the steps in the window.
-Only rewards at its hardest step move it, so it settles where the agent succeeds sometimes.
+Scenes are sorted into steps of difficulty. Each curriculum, identified by a name that the trainer chooses, has a window
+of consecutive steps, from which its variants are drawn. Only rewards at the hardest step of the window move it, so it
+settles where the agent succeeds in some episodes.
 """
 
 import hashlib
@@ -19,13 +20,13 @@ from scenes import is_world, place_of
 from scenes.splits import Split
 
 MOST = 1000
-"""Largest number of curricula that are remembered; the one that was used least recently is forgotten first."""
+"""Largest number of curricula in memory; the least recently used one is evicted."""
 WIDTH = 3
 """Largest number of steps in a window."""
 ENOUGH = 16
 """Number of rewards at the hardest step after which the window may move."""
 RAISE, LOWER = 0.7, 0.2
-"""Success rates at the hardest step from which the window moves up, and up to which it moves down."""
+"""The window moves up at the first success rate at the hardest step or above, and down at the second or below."""
 STEPS = 10
 """Number of steps into which scenes with difficulties are divided."""
 
@@ -35,19 +36,19 @@ Steps = tuple[tuple[int, ...], ...]
 
 @dataclass(slots=True)
 class Window:
-    """Consecutive steps of difficulty, the first one alone at the start."""
+    """A window of consecutive steps of difficulty. At the start it holds only the easiest step."""
 
     steps: int
-    """Number of all steps."""
+    """Number of steps of the whole curriculum."""
     low: int = 0
     high: int = 0
-    """Easiest and hardest step in the window."""
+    """Indices of the easiest and the hardest step in the window."""
     tried: int = 0
     right: int = 0
-    """Rewards at the hardest step since the window moved last, and how many of them were for right answers."""
+    """Number of rewards at the hardest step since the window last moved, and number of right answers among them."""
 
     def add(self, step: int, *, right: bool) -> None:
-        """Count a reward. One of another step than the hardest moves nothing."""
+        """Count a reward. Only rewards at the hardest step can move the window."""
         if step != self.high:
             return
         self.tried += 1
@@ -61,11 +62,13 @@ class Window:
 
 
 def steps_of(pool: Split, difficulties: Mapping[int, tuple[float, float]]) -> Steps:
-    """Divide the scenes of a split by difficulty, or worlds by level. Scenes of unknown difficulty are left out.
+    """Sort the scenes of a split by difficulty, or worlds by level, into steps.
+
+    Scenes of unknown difficulty are omitted.
 
     Args:
         pool: The scenes.
-        difficulties: Scene → its difficulty and the standard error of it [logits].
+        difficulties: Scene → difficulty and its standard error [logits].
 
     Raises:
         RefusedRequest: No scene has a difficulty.
@@ -87,27 +90,27 @@ class _Curriculum:
     steps: Steps
     window: Window
     place: int
-    """Number of the window's present place, which no place of another window or before a move has."""
+    """Unique number of the window's present place. It changes with each move and differs between curricula."""
 
 
 @dataclass(slots=True)
 class Curricula:
-    """The windows of all trainers. They last as long as the process."""
+    """The curricula of all trainers, kept in memory until the process ends."""
 
     _named: OrderedDict[str, _Curriculum] = field(default_factory=OrderedDict[str, _Curriculum])
     _places: Iterator[int] = field(default_factory=itertools.count, repr=False)
 
     def draw(self, name: str, pool: Split, steps: Steps, random_seed: int) -> Variant:
-        """Draw a variant from the window of a curriculum, which begins with its first draw.
+        """Draw a variant from the window of a curriculum. The first draw creates the curriculum.
 
         Args:
             name: Name of the curriculum.
             pool: Scenes and seeds.
             steps: The scenes in steps.
-            random_seed: The same one draws the same variant as long as the window stays.
+            random_seed: Determines the variant as long as the window does not move.
 
         Raises:
-            RefusedRequest: The curriculum has other scenes.
+            RefusedRequest: The curriculum exists with other scenes.
         """
         found = self._named.setdefault(name, _Curriculum(pool.label, steps, Window(len(steps)), next(self._places)))
         self._named.move_to_end(name)
@@ -129,7 +132,7 @@ class Curricula:
         return Variant(scenes[place], pool.seeds[seed], split, index, (name, window.low + step, found.place))
 
     def add(self, variant: Variant, *, right: bool) -> None:
-        """Count the reward of a variant, if its curriculum was not reset, forgotten or moved since it was drawn."""
+        """Count a variant's reward, unless its curriculum was reset, evicted or moved after the draw."""
         name, step, place = variant.step or ("", 0, 0)
         found = self._named.get(name)
         if found is None or found.place != place:
@@ -151,5 +154,5 @@ class Curricula:
         return {"pool": found.pool, **asdict(found.window), "steps": found.steps}
 
     def reset(self, name: str) -> None:
-        """Forget a curriculum; one of the same name begins at the easiest step."""
+        """Delete a curriculum. A later one of the same name starts at the easiest step."""
         self._named.pop(name, None)

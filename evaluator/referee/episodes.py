@@ -40,7 +40,7 @@ from evaluator.store.run_folder import RunFolder
 T = TypeVar("T")
 
 _REMEMBERED = 10_000
-"""Number of graded episodes whose ids are remembered, to refuse a second request for a reward."""
+"""Number of graded episodes whose ids are kept, to refuse a second request for their reward."""
 _GONE = "there is no such episode: it was closed, has expired, or never was; open one with POST /episodes"
 
 
@@ -73,9 +73,9 @@ class Referee:
     """Run record, with the versions of episodes and the single agent name under which they are recorded."""
     rule: RewardRule = field(default_factory=RewardRule)
     prover: SeedProver | None = None
-    """Proves seeds that no certificate covers before they are opened; None to open every seed."""
+    """Checks seeds that no certificate covers before they are opened; None to open every seed unchecked."""
     shapes: bool = False
-    """Whether rewards contain a shaping reward for each call."""
+    """Whether rewards include a shaping reward for each call."""
     folder: RunFolder | None = None
     """Run folder that records the episodes; None to record nothing."""
     max_episodes: int = 1000
@@ -94,7 +94,7 @@ class Referee:
     """Limits grading to one thread, because a key may need the engine and records are appended to a file."""
 
     def __post_init__(self) -> None:
-        """Create the variants of the keys."""
+        """Create the `Variants` object, which selects variants and provides their keys."""
         self.variants = Variants(self.keys, self.record, self.difficulties)
 
     async def listed(self, wanted: WantedVariants) -> VariantPage:
@@ -111,12 +111,12 @@ class Referee:
         return len(self._open) + self._opening
 
     async def open(self, wanted: WantedEpisode, count: int = 1, curriculum: str | None = None) -> list[OpenedEpisode]:
-        """Open episodes of one variant on the server; all or none.
+        """Open several episodes of one variant on the server; either all are opened or none.
 
         Args:
             wanted: The variant.
             count: Number of episodes.
-            curriculum: Name of the curriculum that draws the variant, whose window follows their rewards.
+            curriculum: Name of the curriculum that chooses the variant and counts the rewards; None for none.
 
         Raises:
             RefusedRequest: There is no such variant, it has no key, or too many episodes are open.
@@ -215,7 +215,7 @@ class Referee:
         return OpenedEpisode(variant, episode_id, episode.owner_token, watched.mcp_url, watched.token, briefing)
 
     async def reward(self, episode_id: str, token: str, ended: EndedEpisode) -> Reward:
-        """Grade an ended episode. The reward is given once.
+        """Grade an ended episode. Each episode gets a reward only once.
 
         Args:
             episode_id: Id of the episode.

@@ -12,7 +12,7 @@ CONTENT_TYPE = "text/plain; version=0.0.4; charset=utf-8"
 
 @dataclass(slots=True)
 class Metrics:
-    """What a referee has done since its start."""
+    """Counters of a referee since its start."""
 
     opened: int = 0
     expired: int = 0
@@ -56,7 +56,7 @@ class Metrics:
 
 
 def _family(name: str, kind: str, words: str, samples: dict[str, float]) -> Iterator[str]:
-    """The lines of one metric: its meaning, its type, and a value for each set of labels."""
+    """Format one metric: its help text, its type, and one sample per set of labels."""
     full = f"physment_referee_{name}"
     yield f"# HELP {full} {words}"
     yield f"# TYPE {full} {kind}"

@@ -1,4 +1,4 @@
-"""Proves a variant that no certificate covers before the referee opens it."""
+"""Checks the seed of a requested variant before the referee opens it, unless a certificate covers the seed."""
 
 import anyio.to_thread
 
@@ -10,17 +10,18 @@ from scenes import find_pack
 
 
 async def proved_variant(prover: SeedProver, wanted: WantedEpisode, variant: Variant) -> Variant:
-    """Return a variant if it is certified, proved, or of a scene without a certificate.
+    """Check the seed of a variant and return the variant to open.
 
-    Otherwise the scene's next seed in the split takes its place, unless the request named the seed.
+    If the seed fails, the next seed of the scene in the split replaces it, unless the request named the seed. A scene
+    without a certificate is not checked.
 
     Args:
-        prover: Proves seeds.
+        prover: Checks seeds.
         wanted: The request.
         variant: The variant that it selects.
 
     Raises:
-        RefusedRequest: The variant cannot be proved, and no other may take its place.
+        RefusedRequest: The seed fails the checks and must not be replaced, or no other seed is left.
     """
     while await anyio.to_thread.run_sync(prover.needs_proof, variant.scene, variant.seed):
         place = variant.scene, variant.seed

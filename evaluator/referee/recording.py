@@ -1,4 +1,4 @@
-"""What a referee has recorded: the epochs of its episodes, and the plan of a run with these episodes."""
+"""Bookkeeping of a referee's records: numbers the epochs of episodes, and writes the run record for them."""
 
 from collections import Counter
 from dataclasses import dataclass, field
@@ -28,7 +28,7 @@ class Recording:
 
         Args:
             record: The record from the start of the referee.
-            prover: Proved the seeds; None if none were proved.
+            prover: Checked the seeds; None if no seed was checked.
         """
         cells, splits = sorted(self._played), self.splits
         plan = record.plan.model_copy(

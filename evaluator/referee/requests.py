@@ -156,13 +156,13 @@ class _Answers:
         return JSONResponse(found, status_code=201)
 
     async def variants(self, request: Request) -> Response:
-        """Return facts about the scenes of a split."""
+        """Return facts about the scenes of a split or about worlds."""
         self._check_token(request)
         wanted = _valid(WantedVariants, dict(request.query_params), "?split=train")
         return JSONResponse(asdict(await self._referee.listed(wanted)))
 
     async def curriculum(self, request: Request) -> Response:
-        """Return the window of a curriculum, or forget it."""
+        """Return the state of a curriculum, or delete it."""
         self._check_token(request)
         curricula, name = self._referee.variants.curricula, request.path_params["name"]
         if request.method == "DELETE":

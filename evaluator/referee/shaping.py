@@ -1,4 +1,4 @@
-"""Rewards for experiments: how much each call lowers the bound of the answer. Knows no HTTP and no server."""
+"""Shaping rewards: how much each call lowers the Cramér-Rao bound of the answer. Knows no HTTP and no server."""
 
 import math
 from itertools import pairwise
@@ -11,15 +11,15 @@ from evaluator.records.seed_key import SeedOf
 from scenes import PackError, find_pack
 
 _LEAST, _MOST = 1e-3, 1e2
-"""Bounds beyond these count as these [tolerances]."""
+"""Bounds of the answer's standard error are clipped to this range [tolerances]."""
 
 
 def shaping_of(episode: Episode, seed_of: SeedOf, folder: Path | None) -> list[float] | None:
     """Return a shaping reward for each call of an episode, refused ones and the answer included.
 
-    The potential is -ln(b), where b is the largest Cramér-Rao bound of the answer in tolerances. A call gets the
-    difference of the potential, and the last call also the negative sum, because the potential ends where it began. The
-    rewards therefore add up to 0, and without discounting they change no optimal policy (Ng, Harada and Russell 1999).
+    The potential of a state is -ln(b), where b is the largest Cramér-Rao bound of the answer in tolerances. The reward
+    of a call is the change of the potential. The last call is also charged the negative sum of all changes, so the
+    rewards add up to 0. Without discounting, such rewards change no optimal policy (Ng, Harada and Russell 1999).
 
     Args:
         episode: The ended episode.

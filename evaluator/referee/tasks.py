@@ -1,9 +1,9 @@
 # The optional library is not in the environment in which types are checked.
 # pyright: reportMissingImports=false, reportUnknownVariableType=false, reportUnknownMemberType=false
 # pyright: reportUnknownArgumentType=false
-"""Data sets for trainers: a row for each variant, with its prompt, its tools and the transcript of its reference.
+"""Data sets for trainers: one row per variant, with prompt, tools and the transcript of the reference agent.
 
-No structure is in two splits: of each split, only the scenes that no earlier one has are written.
+Each scene is written only for the first split that contains it, so no structure occurs in two splits.
 """
 
 import json
@@ -32,7 +32,7 @@ from scenes import CANARY, find_pack, pack_hash
 SPLITS = ("train", "validation", "test")
 """Splits that are written, each without the scenes of those before it."""
 WITH_REFERENCE = ("train", "validation")
-"""Splits whose rows have the transcript of the reference. Those of `test` would be answers to what it measures."""
+"""Splits whose rows contain the reference transcript. In `test`, transcripts would reveal the answers."""
 COLUMNS = {
     "id": "`train@1/0`: split and index",
     "split": "name and version of the split",
@@ -48,13 +48,13 @@ Row = dict[str, Any]
 
 @dataclass(slots=True)
 class WrittenSplit:
-    """What was written of a split."""
+    """The files and counts of one written split."""
 
     label: str
     scenes: int = 0
     rows: int = 0
     left_out: list[str] = field(default_factory=list[str])
-    """Ids of variants that the reference does not solve."""
+    """Ids of variants that the reference agent does not solve; they get no row."""
     files: list[Path] = field(default_factory=list[Path])
 
 

@@ -1,4 +1,4 @@
-"""What a trainer may play: the variant that a request selects, and facts about the scenes of a split."""
+"""The variants that a trainer may play: resolves requests to variants, and lists facts about scenes."""
 
 import secrets
 from collections.abc import Mapping
@@ -21,7 +21,7 @@ from scenes import ErratumEffect, default_folder, find_pack, is_world, pack_hash
 
 @dataclass(frozen=True, slots=True)
 class PoolFacts:
-    """What a trainer may know of a scene before it is played; nothing that follows from a key."""
+    """Public facts about a scene; none of them depends on a key."""
 
     scene: int
     world: str | None
@@ -37,15 +37,15 @@ class PoolFacts:
     reference_iterations: int | None
     """Iterations of the reference protocol at seed 0; None if no certificate gives them."""
     reference_calls: float | None
-    """Median number of calls of the reference protocol, where a certificate gives it."""
+    """Median number of calls of the reference protocol; None if no certificate gives it."""
     difficulty: float | None
-    """Difficulty by the calibration that the referee uses [logits]; None if it has not this pack."""
+    """Difficulty in the referee's calibration [logits]; None if the calibration lacks this pack."""
     difficulty_se: float | None
 
 
 @dataclass(frozen=True, slots=True)
 class VariantPage:
-    """Facts about the scenes of a split."""
+    """One page of facts about the scenes of a split."""
 
     split: str
     """Name and version of the split."""
@@ -54,17 +54,17 @@ class VariantPage:
     scenes: int
     """Number of its scenes."""
     facts: list[PoolFacts]
-    """Of the scenes of the page, in ascending order."""
+    """Facts about the scenes on this page, by ascending id."""
 
 
 @dataclass(slots=True)
 class Variants:
-    """The variants that a referee opens."""
+    """Selects the variants that a referee opens, and provides their answer keys."""
 
     keys: KeyRing
     record: RunRecord
     difficulties: Mapping[int, tuple[float, float]] = field(default_factory=dict[int, tuple[float, float]])
-    """Scene → its difficulty and the standard error of it [logits]."""
+    """Scene → difficulty and its standard error [logits]."""
     curricula: Curricula = field(default_factory=Curricula)
     _certificates: dict[int, SceneCertificate] | None = None
 
@@ -103,7 +103,7 @@ class Variants:
         return EpisodeKey(scene=scene, seed=seed, agent=agent, budget=wanted.budget, prompting=wanted.prompting)
 
     def _record_world(self, scene: int) -> None:
-        """Add a world to the run record, which cannot list all worlds at its start."""
+        """Add a world to the run record, because the record cannot list all worlds at the start."""
         if str(scene) not in self.record.packs:
             files = find_pack(scene, self.keys.folder)
             self.record.worlds.update(played_worlds([files], self.keys.folder))

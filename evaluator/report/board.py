@@ -1,4 +1,7 @@
-"""A static leaderboard of submissions: a row for each agent of each file, model and scaffold apart. Scores nothing."""
+"""A static HTML leaderboard of submissions. Ranks stored results and computes no scores.
+
+Each agent of each submission has a row, with separate columns for the model and its scaffold.
+"""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -12,7 +15,7 @@ from evaluator.scores.metrics import GroupSummary, RunSummary
 
 
 class BoardEntry(NamedTuple):
-    """A submission, as far as the page shows it."""
+    """The facts about a submission that the page shows."""
 
     file: str
     """Name of its file."""
@@ -27,15 +30,15 @@ class BoardRow(NamedTuple):
 
     agent: str
     model: str
-    """Provider and model; empty for an agent that is no language model or does not tell."""
+    """Provider and model; empty if the agent is not a language model or does not name one."""
     scaffold: str
-    """What the model plays in: protocol, prompting, advice and presentation of the run."""
+    """Everything around the model: protocol, prompting, stopping advice and presentation."""
     scores: GroupSummary
     entry: BoardEntry
 
 
 class Track(NamedTuple):
-    """The rows that were played on the same variants, best first."""
+    """Rows that were played on the same variants and can be ranked together, best first."""
 
     title: str
     rows: tuple[BoardRow, ...]
@@ -62,7 +65,7 @@ def tracks_of(entries: Sequence[BoardEntry]) -> list[Track]:
 
 
 def _variants(entry: BoardEntry) -> tuple[object, ...]:
-    """Return what two submissions must share to be ranked together."""
+    """Return the ranking key of a submission: only submissions with equal keys are ranked together."""
     plan, packs = entry.run.plan, entry.run.content_hashes()
     variants = frozenset((key.scene, key.seed) for key in plan.matrix())
     return (variants, frozenset(packs.items()), plan.budgets, plan.held_back, entry.summary.scoring_version)
@@ -109,7 +112,7 @@ def _scaffold(run: RunRecord, agent: str) -> str:
 
 
 def board_page(title: str, tracks: Sequence[Track]) -> str:
-    """Render the page, which loads nothing else."""
+    """Render the page as one self-contained HTML file."""
     environment = Environment(
         loader=PackageLoader("evaluator.report"),
         autoescape=True,

@@ -1,7 +1,8 @@
 """Exports a run as records of Every Eval Ever, the shared format for results of evaluations.
 
 Each agent has a JSON file with its accuracies, and a JSON Lines file with its episodes. The schemas are those of
-version 0.3.0, https://github.com/evaleval/every_eval_ever. Answer keys are left out: a record is meant to be published.
+version 0.3.0, https://github.com/evaleval/every_eval_ever. Answer keys are omitted, because these records are meant to
+be published.
 """
 
 import hashlib
@@ -26,7 +27,7 @@ Graded = Sequence[tuple[Episode, GradeRecord]]
 
 
 class Source(NamedTuple):
-    """Who reports the results."""
+    """The organization that reports the results."""
 
     organization: str
     relationship: str = "third_party"
@@ -87,7 +88,7 @@ def _model(agent: str, facts: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _slug(text: str) -> str:
-    """Replace what cannot stand in the name of a folder."""
+    """Replace characters that the name of a folder cannot contain."""
     return "".join(sign if sign.isalnum() or sign in "-._" else "-" for sign in text).strip(".") or "-"
 
 

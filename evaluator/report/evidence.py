@@ -1,4 +1,4 @@
-"""Evidence in reports: a table of verdicts, a plane of the episodes of each agent, and a chart for each episode."""
+"""Evidence in reports: a table of verdicts, a scatter plot for each agent, and a chart for each episode."""
 
 import math
 from collections import defaultdict
@@ -15,7 +15,7 @@ from evaluator.scores.sufficiency import evidence_summary
 
 NOT_MEASURABLE = "not measurable"
 _LEAST, _MOST = 1e-3, 1e2
-"""Ends of the charts; other bounds are drawn there [tolerances]."""
+"""Range of the charts; bounds outside it are drawn at its ends [tolerances]."""
 _REFERENCE = "reference"
 
 
@@ -51,7 +51,7 @@ _Task = tuple[str | None, int, int]
 
 
 def _task(result: AgentResults, row: ScoredEpisode) -> _Task:
-    """Commitment of the seeds, scene, and seed: what two episodes share that were drawn alike."""
+    """Return seed commitment, scene and seed of an episode. Episodes with equal values had the same drawn variant."""
     return result.run.record.plan.held_back, row.key.scene, row.key.seed
 
 
@@ -99,7 +99,7 @@ def _clipped(bound: float) -> float:
 
 
 class Dot(NamedTuple):
-    """An episode in a plane."""
+    """An episode as a dot in the scatter plot of its agent."""
 
     x: float
     y: float
@@ -110,7 +110,10 @@ class Dot(NamedTuple):
 
 
 class Plane(NamedTuple):
-    """The episodes of an agent by evidence, which grows to the right, and by verdict; all coordinates in px."""
+    """The scatter plot of an agent: episodes by evidence, increasing to the right, and by verdict.
+
+    Coordinates in px.
+    """
 
     label: str
     ticks: Sequence[Tick]
@@ -121,20 +124,20 @@ class Plane(NamedTuple):
 
 
 PLANE = (430.0, 250.0)
-"""Width and height of a plane [px]."""
+"""Width and height of a scatter plot [px]."""
 _LANES = {True: 118.0, False: 222.0}
-"""Lower edge of the dots of right and of wrong answers."""
+"""y coordinate of the lowest dots of right answers (True) and of wrong answers (False) [px]."""
 _LANE = 84.0
 _DOT = 9.0
-"""Distance of neighbouring dots."""
+"""Distance between neighbouring dots [px]."""
 
 
 def planes(results: Sequence[AgentResults], numbered: Iterable[tuple[int, int, ScoredEpisode]]) -> list[Plane]:
-    """A plane for each agent whose evidence was measured.
+    """Lay out a scatter plot for each agent with measured evidence.
 
     Args:
         results: The results of all agents.
-        numbered: Number of each episode in the report, index of its agent, and the episode.
+        numbered: For each episode its number in the report, the index of its agent, and the episode.
     """
     by_agent: defaultdict[int, list[tuple[int, ScoredEpisode]]] = defaultdict(list)
     for number, agent, row in numbered:
@@ -155,19 +158,19 @@ def planes(results: Sequence[AgentResults], numbered: Iterable[tuple[int, int, S
 
 
 def _across(bound: float | None) -> float:
-    """Coordinate of a bound; without a reading there is none, and the evidence is the least."""
+    """Return the x coordinate of a bound [px]. Without a reading (None), the evidence counts as the least possible."""
     decades = math.log10(_MOST / _LEAST) + 1
     place = 0.0 if bound is None else 1 + math.log10(_MOST) - _clipped(bound)
     return round(LEFT + _DOT + place / decades * (PLANE[0] - LEFT - RIGHT - 2 * _DOT), 1)
 
 
 def _dots(rows: Sequence[tuple[int, ScoredEpisode]]) -> list[Dot]:
-    """The dots; those that would cover each other are stacked."""
+    """Lay out the dots of one area; dots that would overlap are stacked."""
     stacks: defaultdict[tuple[bool, int], list[tuple[int, ScoredEpisode, EvidenceVerdict]]] = defaultdict(list)
     for number, row in rows:
         if row.evidence is not None and (verdict := row.evidence_verdict) is not None:
             column = int((_across(row.evidence.worst_bound) - LEFT) // _DOT)
-            # No column holds dots of both sides of the limit.
+            # No column mixes dots from both sides of the threshold for sufficient evidence.
             limit = int((_across(SUFFICIENT) - LEFT) // _DOT)
             column = max(column, limit + 1) if row.evidence.suffices else min(column, limit - 1)
             stacks[row.is_correct, column].append((number, row, verdict))

@@ -42,7 +42,7 @@ class DrawnPart(Record):
 
 
 class DrawnBody(Record):
-    """A body that is drawn: an object, which has poses, or a fixture, which has none."""
+    """A visible body: an object, which has poses, or a fixture, which has none."""
 
     id: Annotated[str, Field(pattern=r"^([A-Za-z][A-Za-z0-9_-]{0,63}|fixture:[0-9]{1,6})$")]
     object: bool
@@ -57,11 +57,11 @@ class DrawnBody(Record):
 
 
 class DrawnCourse(Record):
-    """A cord, spring, rod, rail or pulley of the task, which is no body of the model."""
+    """A cord, spring, rod, rail or pulley that the task describes, and that is not a body of the model."""
 
     kind: Literal["cord", "spring", "rod", "rail", "pulley"]
     points: Annotated[tuple[_Name | _Triple, ...], Field(min_length=1, max_length=100)]
-    """Objects, for their middles, and places [m]."""
+    """Ends of the part: an object for its centre, or a position [m]."""
 
 
 class Drawing(Record):

@@ -1,4 +1,4 @@
-"""Laws in reports: a table of how many agents that predict also know the law."""
+"""Tables on laws in reports: whether agents that predict correctly also state the law correctly."""
 
 from collections.abc import Sequence
 

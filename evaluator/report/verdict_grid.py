@@ -11,18 +11,18 @@ _SYMBOLS = {"correct": "✓", "incorrect": "✗", "mixed": "±", "unscored": "�
 
 
 class VerdictCell(NamedTuple):
-    """The episodes of an agent in a scene."""
+    """A cell of the grid: the verdicts on the episodes of one agent in one scene."""
 
     state: str
     """`correct`, `incorrect`, `unscored`, or `mixed` if its scored episodes differ; empty if there is none."""
     symbol: str
     """One character for the state, so that colour is not the only distinction."""
     words: str
-    """Scene and state, such as `28 Glider between cords: 2 of 3 correct`."""
+    """Text of the cell: scene and state, such as `28 Glider between cords: 2 of 3 correct`."""
     href: str
-    """The notebook of its only episode, or the list of episodes."""
+    """Link to the notebook of its only episode, or to the list of episodes."""
     chosen: str
-    """Filter of the list that shows only its episodes; empty if the cell links to a notebook."""
+    """Filter by which the list shows only the episodes of this cell; empty if the cell links to a notebook."""
 
 
 def verdict_grid(entries: Sequence[Entry], agents: int) -> list[list[VerdictCell]]:

@@ -45,7 +45,7 @@ class Side(NamedTuple):
     """Its label if the two runs have equal conditions, such as the name of its folder."""
     rows: Sequence[ScoredEpisode]
     presentation: tuple[str, ...] = ()
-    """What differed for its agents from the episodes as the laboratory presents them."""
+    """Changes of the presentation that its agents received; see `evaluator.agents.presentation`."""
 
 
 class GroupDifference(Record):
@@ -74,13 +74,13 @@ class Comparison(Record):
     groups: tuple[GroupDifference, ...]
     """Differences of strict accuracy, for each grouping that has more than one group."""
     evidence_a: EvidenceSummary | None = Field(default=None, exclude_if=is_absent)
-    """Verdicts on the evidence of A's episodes of the pairs; absent if none was measured."""
+    """Verdicts on the evidence of the paired episodes of A; absent if none was measured."""
     evidence_b: EvidenceSummary | None = Field(default=None, exclude_if=is_absent)
-    """The same of B."""
+    """Verdicts on the evidence of the paired episodes of B; absent if none was measured."""
     laws_a: LawSummary | None = Field(default=None, exclude_if=is_absent)
-    """The laws that A's episodes of the pairs stated; absent if their scenes ask for none."""
+    """Summary of the laws stated in the paired episodes of A; absent if their scenes ask for none."""
     laws_b: LawSummary | None = Field(default=None, exclude_if=is_absent)
-    """The same of B."""
+    """Summary of the laws stated in the paired episodes of B; absent if their scenes ask for none."""
     only_a: int
     """Episodes of A without a counterpart in B; they are left out."""
     only_b: int

@@ -1,4 +1,4 @@
-"""Summarises the laws that agents stated with their answers: do agents that predict also know the law?"""
+"""Summarises stated laws, which shows whether agents that predict correctly also know the law."""
 
 from collections.abc import Iterable
 from statistics import median
@@ -17,7 +17,7 @@ class StatedEpisode(NamedTuple):
 
 
 class LawSummary(Record):
-    """The laws of several episodes of scenes that ask for a law."""
+    """Counts of stated laws and of right answers, over episodes of scenes that ask for a law."""
 
     asked: int
     """Number of episodes."""
@@ -30,7 +30,7 @@ class LawSummary(Record):
     predicted_and_known: int
     """Number of episodes with a right answer and an equivalent law."""
     predicted_not_known: int
-    """Number of episodes with a right answer and a law that is not equivalent: these agents predict but do not know."""
+    """Number of episodes with a right answer and a law that is not equivalent."""
     predicted_not_stated: int
     """Number of episodes with a right answer and no law."""
     dependence_f1: float | None
@@ -40,7 +40,7 @@ class LawSummary(Record):
 
 
 def law_summary(episodes: Iterable[StatedEpisode]) -> LawSummary | None:
-    """Summarise the laws of some episodes; None if there are none."""
+    """Summarise the laws stated in some episodes; None without episodes."""
     found = list(episodes)
     if not found:
         return None
@@ -61,7 +61,7 @@ def law_summary(episodes: Iterable[StatedEpisode]) -> LawSummary | None:
 
 
 def law_sentence(found: LawSummary) -> str:
-    """State in words how many episodes predicted, and how many knew the law."""
+    """State in a sentence how many episodes predicted correctly, and how many stated an equivalent law."""
     return (
         f"laws: stated in {found.stated} of {found.asked} episodes, equivalent in {found.known}; of {found.predicted}"
         f" that predicted, {found.predicted_and_known} knew the law, {found.predicted_not_known} stated another law and"

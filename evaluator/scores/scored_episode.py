@@ -44,7 +44,7 @@ class ScoredEpisode:
     erratum: Erratum | None = None
     """Known fault of the pack that it was played on; None if none is known."""
     evidence: EvidenceRecord | None = None
-    """What its experiments determine; None if that was not measured."""
+    """Evidence that its experiments provide about the answer; None if it was not measured."""
     asks_for_law: bool = False
     """Whether its scene asks for a law with the answer."""
 

@@ -10,7 +10,7 @@ from evaluator.records.evidence import EvidenceRecord, EvidenceVerdict, evidence
 
 
 class MeasuredEpisode(NamedTuple):
-    """An episode with what its experiments determine."""
+    """An episode whose evidence was measured, with its verdict."""
 
     episode: Episode
     evidence: EvidenceRecord
@@ -19,7 +19,7 @@ class MeasuredEpisode(NamedTuple):
 
 
 class EvidenceSummary(Record):
-    """The evidence of several episodes. Only episodes whose evidence was measured count."""
+    """Summary of the evidence of several episodes. Episodes whose evidence was not measured are not counted."""
 
     verdicts: dict[EvidenceVerdict, int]
     """Number of episodes with each verdict on evidence. Episodes without a verdict on the answer have none."""

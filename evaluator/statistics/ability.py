@@ -1,9 +1,10 @@
-"""The ability of a taker by the Rasch model, from answers to scenes of known difficulty; the information of an answer.
+"""Estimates the ability of a test taker by the Rasch model, from answers to scenes of known difficulty.
 
     logit P(right) = ability - difficulty(scene) - deviation(scene:seed)
 
 The ability has a wide normal prior. Difficulties are known up to their standard errors, and deviations up to their
-standard deviation; both are integrated out. The posterior is computed on a grid.
+standard deviation; both are integrated out. The posterior is computed on a grid. The module also computes the Fisher
+information of further answers.
 """
 
 import functools
@@ -29,7 +30,7 @@ _RESTS, _DEVIATIONS, _REACH = 11, 9, 4.0
 
 
 class SceneDifficulty(NamedTuple):
-    """The difficulty of a scene, as a calibration found it [logits]."""
+    """Estimated difficulty of a scene [logits]."""
 
     logits: float
     se: float
@@ -101,7 +102,7 @@ def ability_of(chosen: Sequence[tuple[int, int, Choice, bool]]) -> Ability:
     """Estimate the ability of a taker in an adaptive test.
 
     Args:
-        chosen: Scene, seed, reason of the choice, and whether the answer is right, for each scored episode.
+        chosen: For each scored episode its scene, its seed, the record of its choice, and whether its answer is right.
     """
     difficulties: dict[int, SceneDifficulty] = {}
     counts: defaultdict[int, dict[int, tuple[int, int]]] = defaultdict(dict)

@@ -72,7 +72,7 @@ AGENTS = (
 """Forms of the values that `--agent` accepts."""
 EXTERNAL = "external"
 _SPEAK_ORIGINAL = frozenset({"reference", "grammar", "constant", "batch", "attacker", "scripted", "replay", "taker"})
-"""Kinds of agents that are programs written for the terms of the laboratory."""
+"""Kinds of agents that are programs written for the laboratory's own names and units; see `presented`."""
 _PLAIN: Mapping[str, Callable[[Path | None], Agent]] = {
     "reference": ReferenceAgent,
     "grammar": lambda _: _grammar(),
@@ -126,7 +126,7 @@ def _external(config: RunConfig) -> ExternalAgent:
 
 
 def _wrapped(config: RunConfig, text: str, participant: AgentParticipant) -> AgentParticipant:
-    """The participant, advised, and with the presentation of the run."""
+    """Wrap a participant's agent in the stopping policy and the presentation of the run."""
     original = text.removeprefix("oracle-once:").partition(":")[0] in _SPEAK_ORIGINAL
     advised = participant.wrapped(lambda agent: with_stopping(agent, config.stopping))
     return advised.wrapped(lambda agent: presented(agent, config.presentation, speaks_original=original))

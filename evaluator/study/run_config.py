@@ -105,7 +105,7 @@ class RunConfig:
     stopping: str = "always"
     """Value of `--stopping`: the policy that advises agents when to answer."""
     presentation: tuple[Change, ...] = ()
-    """What differs for the agents from the episodes as the laboratory presents them."""
+    """Changes of the presentation that agents receive; see `evaluator.agents.presentation`."""
     command: tuple[str, ...] = ()
     """Arguments after `--`: the program of an external agent."""
     max_calls: int | None = None
@@ -128,9 +128,9 @@ class RunConfig:
     budgets: tuple[int, ...] = (20,)
     seeds: tuple[int, ...] = (0,)
     spare_seeds: range = range(0)
-    """Seeds that may take the place of one that cannot be proved; empty if the seeds were named."""
+    """Seeds that may replace a seed that fails its checks; empty if the operator named the seeds."""
     unproved: bool = False
-    """Whether seeds that no certificate covers are played without a proof."""
+    """Whether seeds that no certificate covers are played without checking them."""
     epochs: int = 1
     same_seeds: bool = False
     """Whether external agents get the same seeds at each repetition, as other agents do."""

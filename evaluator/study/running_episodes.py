@@ -26,7 +26,7 @@ class Board:
 
     @contextlib.contextmanager
     def shown(self, key: EpisodeKey) -> Generator[None]:
-        """Show an episode while the block plays it."""
+        """List an episode as running while the block plays it."""
         self._present[key] = underway = Underway(key)
         token = UNDERWAY.set(underway)
         try:
@@ -36,7 +36,7 @@ class Board:
             del self._present[key]
 
     async def keep_written(self) -> None:
-        """Rewrite the file at intervals until cancelled, and then remove it."""
+        """Rewrite the file at intervals until cancelled; then remove it."""
         try:
             while True:
                 self.write()

@@ -72,7 +72,10 @@ def app(folder: RunFolder, follow: Callable[[], FollowedRun | None], token: str)
 
 @dataclass(slots=True)
 class _Looks:
-    """Reads the folder when a page requests the state. In a thread, because some answer keys take a second."""
+    """Reads the run folder when a page requests the state.
+
+    Reading runs in a thread, because some answer keys take a second.
+    """
 
     folder: RunFolder
     follow: Callable[[], FollowedRun | None]

@@ -72,9 +72,9 @@ class FollowedRun:
         self.withheld = withheld
         """Whether there are no verdicts, because the seeds are held back."""
         self.running: tuple[RunningEpisode, ...] = ()
-        """Episodes that are being played, if the run tells."""
+        """Running episodes, as last listed by the run; empty if it lists none."""
         self.running_at = 0.0
-        """When the run told so [s since 1970]."""
+        """Time at which the run wrote this list [s since 1970]."""
         self.keys = keys
         self._played_here: dict[tuple[int, str], bool] = {}
         """Scene and pack hash → whether the local pack is the same."""
@@ -102,7 +102,7 @@ class FollowedRun:
             raise StoreError(f"{file} cannot be read: {error.strerror}") from error
 
     def _read_running(self) -> tuple[RunningEpisode, ...]:
-        """Read what is being played; nothing if the file is absent or is being written."""
+        """Read the list of running episodes; empty if the file is missing or is being written."""
         try:
             self.running_at = self.folder.running_file.stat().st_mtime
             return RunningEpisodes.model_validate_json(self.folder.running_file.read_bytes()).episodes

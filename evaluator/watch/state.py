@@ -1,4 +1,4 @@
-"""The state of a run at a moment, for the page that shows it."""
+"""Computes the state of a run at one moment, for the page of `watch`."""
 
 import statistics
 from collections import Counter
@@ -166,7 +166,7 @@ def _course(episodes: Sequence[FollowedEpisode]) -> list[dict[str, Any]]:
 
 
 def _is_troubled(one: FollowedEpisode) -> bool:
-    """Whether an error ended an episode, or the server refused most of its calls."""
+    """Whether an episode ended by an error, or the server refused most of its calls."""
     return (
         one.outcome in {Outcome.AGENT_ERROR, Outcome.INFRASTRUCTURE_ERROR}
         or one.cost.refused_calls > one.cost.calls / 2 > 1
@@ -203,9 +203,9 @@ def _named(key: EpisodeKey) -> dict[str, Any]:
 def _overtaken(
     wanted: Sequence[EpisodeKey], ended: Mapping[EpisodeKey, FollowedEpisode], now: datetime
 ) -> list[dict[str, Any]]:
-    """Return the missing episodes of which later ones of the same agent have ended, longest wait first.
+    """Return the missing episodes that later episodes of the same agent have overtaken, longest wait first.
 
-    Such an episode is still being played or waits for a retry; a run folder does not say which.
+    Such an episode is still running or waits for a retry; the run folder does not say which.
     """
     found: list[dict[str, Any]] = []
     later: dict[str, list[float]] = {}

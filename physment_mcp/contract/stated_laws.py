@@ -33,7 +33,7 @@ _SHOWN = 6
 """Largest number of values that a refusal quotes."""
 _RANGES = {"t": (0.0, 60.0), "angle": (-6.0, 6.0), "spin": (-6.0, 6.0)} | dict.fromkeys(LOADS, (-9.0, 9.0))
 _USUAL = (-4.0, 4.0)
-"""Range of the places and velocities of a probe."""
+"""Range from which positions [m, rad] and velocities [m/s, rad/s] of the test states are taken."""
 
 _EXPRESSION = {"anyOf": [{"type": "string", "maxLength": 1000}, {"type": "number"}]}
 SCHEMA: Mapping[str, Any] = {
@@ -140,7 +140,7 @@ def variables(objects: Sequence[str]) -> Iterator[str]:
 
 
 def _probes(arguments: Sequence[str], states: Mapping[str, float]) -> Iterator[list[float]]:
-    """Yield arguments of fixed states, the same for every law."""
+    """Yield the argument lists at which every law is tried out. They are the same for every law."""
     for number in range(_PROBES):
         yield [
             states[name] if name in states else random.Random(f"{number}:{name}").uniform(*_range(name))  # noqa: S311 - reproducible, not secret
@@ -160,7 +160,7 @@ def _is_finite(law: StatedLaw, values: Sequence[float]) -> bool:
 
 
 def _mapping(field: str, value: object, names: Sequence[str] = ()) -> dict[str, Any]:
-    """Return an object of JSON, whose fields may be restricted to some names."""
+    """Check that a value is a JSON object, and that its field names are among `names` if these are given; return it."""
     if not isinstance(value, dict) or not all(isinstance(name, str) for name in cast("dict[Any, Any]", value)):
         raise ExpressionError(f"{field} must be an object{f' with the fields {_listed(names)}' if names else ''}")
     found = cast("dict[str, Any]", value)
@@ -174,7 +174,7 @@ def _listed(names: Sequence[str]) -> str:
 
 
 def _shown(name: str) -> str:
-    """Return the beginning of a name that may hold anything, without half surrogates, which no reply can contain."""
+    """Return the beginning of a name from an agent. Lone surrogates are replaced, because no reply can contain them."""
     return name[:40].encode("ascii", "backslashreplace").decode()
 
 

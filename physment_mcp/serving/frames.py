@@ -137,7 +137,10 @@ def _started() -> "subprocess.Popen[str]":
 
 
 def _asked(process: "subprocess.Popen[str]", request: str | None) -> str:
-    """Send a request, if there is one, and return the next line of the process; empty if it ended or timed out."""
+    """Write a request to the rendering process, if there is one, and return its next line.
+
+    The line is empty if the process ended or did not reply in time.
+    """
     assert process.stdin is not None
     assert process.stdout is not None
     watch = Timer(_PATIENCE_S, process.kill)

@@ -34,7 +34,7 @@ _APP_META = {
         "prefersBorder": True,
     }
 }
-"""Declares that the app needs no other page, file or permission."""
+"""Metadata of the app: it needs no other page, file or permission."""
 
 
 def shows_apps(capabilities: types.ClientCapabilities | None) -> bool:

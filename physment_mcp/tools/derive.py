@@ -60,7 +60,10 @@ def _get_potential_energy(session: Session, args: PotentialEnergyArguments) -> P
 
 
 def _spin(session: Session, args: MassArguments) -> tuple[Array, Array]:
-    """Return the inertia scaled to the agent's mass, so that it does not reveal the true mass, and the spin."""
+    """Return the inertia tensor and the spin of an object.
+
+    The tensor is scaled to the mass that the agent supplies, so it does not reveal the true mass.
+    """
     item = session.readable(args.object_id, "velocity")
     if item.permissions.spin is False:
         raise NotPermitted(f"the spin of {item.object_id} is withheld in this scene; find it by experiment")

@@ -53,14 +53,14 @@ class AttachArguments(Arguments):
 
 
 def _check_created_mass(session: Session, mass: float) -> None:
-    """Raise if an object would raise the total mass of created objects above the limit.
+    """Raise if a new object would bring the total mass of created objects above the limit of the scene.
 
     Args:
         session: The episode. Deleted objects count as well.
         mass: Mass of the new object [kg].
 
     Raises:
-        BeyondLimit: It would.
+        BeyondLimit: The total would exceed the limit.
     """
     limit, created = session.limits.created_mass, session.state.created_mass
     if limit is None or created + mass <= limit * (1 + LIMIT_SLACK):

@@ -43,10 +43,10 @@ IDENTIFIABLE = 0.35
 """Largest allowed standard error of an answer, in tolerances."""
 _LEAST_LOOKS, _MOST_NOISE = 12, 0.05
 _QUICK_S, _CHOICE_S, _FINE_S = 0.12, 0.06, 0.01
-"""Longest steps of the integration of candidates, of those from which questions are chosen, and of keys [s]."""
+"""Longest integration steps [s] in three uses: testing candidates, choosing questions, and computing keys."""
 _REDRAWN = 8
 _SENSITIVE = 1.0
-"""Largest distance of two integrations of the course, in standard deviations of the readings."""
+"""Largest difference between the course integrated with two step sizes, in standard deviations of the readings."""
 _REFIT_SEED, _SOLVE_SEED = 1, 2
 """Noise seeds of the readings to which other structures are fitted, and of the readings that the reference solves."""
 _BESIDE = 0.05
@@ -105,7 +105,9 @@ class Maker:
         structure = draw_structure(self.difficulty, self.rng, self.split)
         told = Situation(structure.apparatus, structure.radius, FORCE, self.difficulty.looks, self.difficulty.noise)
         constants = draw_constants(structure, self.rng)
-        _refuse_wild(structure, constants, told)  # the commonest fault, and the cheapest to find
+        _refuse_wild(
+            structure, constants, told
+        )  # checked first, because it is the most frequent reason and the cheapest to detect
         asked, before = drawn(structure, constants, told, self.difficulty, self.rng), dict(constants)
         matter, key = self._repaired(structure, constants, asked)
         if constants != before:
@@ -149,7 +151,7 @@ class Maker:
 
 
 def _is_of(name: str, mark: str) -> bool:
-    """Return whether a constant belongs to the part with a mark: the index of its term and that of its modulation."""
+    """Return whether the name of a constant ends in the mark of a part: the indices of its term and modulation."""
     return name.endswith(mark) and name.removesuffix(mark).isalpha()
 
 
@@ -173,7 +175,7 @@ def _less(
 
 
 def _matters(key: Array, without: Array) -> Flags:
-    """Return for each part and question whether the part changes the answer, before any fit."""
+    """Return, for each part and question, whether removing the part changes the answer; constants are not refitted."""
     return (np.abs(_finite(without) - key[:, None]) > MATTERS * tolerance(key)[:, None]).T
 
 
@@ -253,7 +255,10 @@ def _chosen(asked: Sequence[Question], matter: Flags, spread: Array) -> list[int
 
 
 def _refuse_guessable(world: DrawnWorld, rng: random.Random) -> None:
-    """Refuse a world with two answers that need no experiment, or equal those of the nearest allowed situation."""
+    """Refuse a world if two of its answers can be found without inferring the law.
+
+    Such answers need no experiment, or equal those measured in the nearest situation that the laboratory allows.
+    """
     structure, constants, asked = world.structure, world.constants, world.questions
     key = np.array(world.key)
     numbers = np.array([not question.options for question in asked])  # another draw has the same terms
@@ -306,7 +311,7 @@ def _refuse_mistakable(world: DrawnWorld, refits: Refits, rng: random.Random) ->
 
 
 def _refuse_unsolved(world: DrawnWorld, rng: random.Random) -> None:
-    """Refuse a world that the reference with the known structure cannot solve from other readings."""
+    """Refuse a world if the reference, which knows the structure, cannot solve it from readings with other noise."""
     structure, key = world.structure, np.array(world.key)
     course = simulated(structure, world.constants, world.told, _SOLVE_SEED)
     unit = units_of(structure, world.constants)

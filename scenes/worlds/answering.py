@@ -37,7 +37,7 @@ _FINE_S = 0.02
 _LEAST_SPEED = 1e-3
 """Speed at which the path length of a body at rest grows [m/s, rad/s]."""
 _BESIDE = 1e-3
-"""Relative distance from that force of the forces between which the answer is then bracketed."""
+"""Relative distance of the two forces that bracket the answer from the roughly computed force."""
 
 
 def answers(structure: Structure, constants: Mapping[str, Any], asked: Sequence[Question], longest_s: float) -> Array:
@@ -138,7 +138,16 @@ def _answers(
     ways = np.repeat([one.push for one in pushed], trials, axis=0).T
 
     def ended(plain: Sequence[Question], points: Array, step: float) -> Array:
-        """Return the numbers of questions, then by how much forces (points, pushed × trials) move bodies too far."""
+        """Evaluate the questions, with the force of each `push` question replaced by trial forces.
+
+        Args:
+            plain: The questions.
+            points: Trial forces; shape (points, `push` questions × trials).
+            step: Longest step of the integration [s].
+
+        Returns:
+            The requested numbers, and for each trial force the distance beyond the requested one.
+        """
         push = [np.repeat([one.push for one in plain], trials, axis=0).T] if plain else []
         push += [np.tile(ways, len(points)) * points.ravel()] if pushed else []
         several = [*plain, *pushed * len(points)]
@@ -214,7 +223,7 @@ def _held(structure: Structure, constants: Constants, seen: Array, clock: Array)
         alone = Structure(structure.apparatus, tuple(term.plain for _, term in kept), structure.radius)
         names = [*structure.masses, *(name for at, term in kept for name in term.plain.ranges(at))]
         values = np.array([constants[name] for name in names])
-        # Many situations differ only in what is not known to a hidden body, such as the force.
+        # Many situations differ only in quantities that do not act on the hidden body, such as the force.
         different, place = np.unique(np.vstack([values, seen, clock]), axis=1, return_inverse=True)
         moved_there = _held_alone(alone, different.tobytes(), different.shape[1])
         found[: len(moved_there)] = moved_there[:, place.ravel()]
@@ -223,7 +232,9 @@ def _held(structure: Structure, constants: Constants, seen: Array, clock: Array)
 
 @functools.lru_cache(64)
 def _held_alone(alone: Structure, given: bytes, columns: int) -> Array:
-    """Do the same for a structure with no other terms. Cached, because many structures share such terms.
+    """Compute the state of hidden bodies for a structure that has only terms with hidden bodies.
+
+    The result is cached, because many structures share such terms.
 
     Args:
         alone: The terms with hidden bodies.

@@ -107,7 +107,7 @@ def _push(
     way = [0.0] * len(situation.push)
     way[rng.randrange(width)] = rng.choice((-1.0, 1.0))
     asked = replace(situation, kind="push", push=tuple(way), what="push", body=1)
-    # Of a force that may be anything up to far beyond the limit: the middle of a narrow range would be a good guess.
+    # The range of answers must be wide: the middle of a narrow range would be a good guess.
     force = told.force * _WEAKEST * (_STRONGEST * difficulty.strong / _WEAKEST) ** rng.random()
     reached = _reached(structure, constants, asked, force)
     return replace(asked, size=round(reached, 2) if reached > _LEAST_SIZE else _LEAST_SIZE)  # also if it has no value

@@ -62,7 +62,7 @@ class Fit:
 
 
 def expected_score(fit: Fit) -> float:
-    """Return the score that a fit would have if its misfits were linear in its constants."""
+    """Return the score that a fit is expected to reach, if its misfits are linear in its constants."""
     rows = len(fit.misfits)
     basis = np.linalg.qr(fit.slope[:rows])[0]
     return fit.score - float(((basis.T @ fit.misfits) ** 2).sum())
@@ -229,7 +229,13 @@ def _values(term: Term, units: Array) -> dict[str, Any]:
 
 
 def plainer(term: Term, unit: Array, gone: int) -> tuple[Term, Array]:
-    """Return a term without one of its modulations."""
+    """Return a term without one of its modulations, and its constants.
+
+    Args:
+        term: The term.
+        unit: Its constants, as a point of the unit cube.
+        gone: Index of the modulation to remove.
+    """
     names = list(term.ranges(0))
     kept = [at for at, name in enumerate(names) if not name.endswith(f"0m{gone}")]
     return Term(term.form, (*term.modulations[:gone], *term.modulations[gone + 1 :])), unit[kept]

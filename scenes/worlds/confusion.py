@@ -15,7 +15,7 @@ from scenes.worlds.refits import WORSE, Refits, constants_of
 from scenes.worlds.terms import Structure, Term
 
 _NEAR = 3.0
-"""Largest mean square of the legs' misfits for which the whole course is fitted, as a multiple of `WORSE`."""
+"""Threshold of the mean square of the legs' misfits for fitting the whole course, as a multiple of `WORSE`."""
 _STARTS, _ROUNDS = 2, 8
 
 
@@ -44,7 +44,7 @@ def mistakable(refits: Refits, constants: Mapping[str, float], asked: Question, 
 
 
 def _of_course(refits: Refits, fit: Fit) -> Mapping[str, float]:
-    """Return the constants from a fit to the whole course."""
+    """Return the constants of a fit to the whole course, starting from a fit to its legs."""
     laws, label = laws_of_fit(fit.structure, refits.told), fit.structure.label
 
     def misfits(units: Array) -> Array:

@@ -137,7 +137,9 @@ def options_with(structure: Structure, form: str, count: int, rng: random.Random
     own = next(one.group for one in forms_of(structure.apparatus) if one.name == form)
     others = [one for one in forms_of(structure.apparatus) if one.name not in there]
     others = rng.sample(others, len(others))
-    others.sort(key=lambda one: one.group != own)  # those of its group first, so that the group does not tell
+    others.sort(
+        key=lambda one: one.group != own
+    )  # forms of the same group first, so that the groups of the options do not reveal the true one
     near = others[: (count - 1) // 2 + 1]
     chosen = [form, *(one.name for one in [*near, *rng.sample(others[len(near) :], count - 1 - len(near))])]
     return tuple(rng.sample(chosen, count))
@@ -202,7 +204,7 @@ def _placements(groups: tuple[str, ...], fits: tuple[frozenset[str], ...], count
     """Return the number of ways to assign different modulations to terms of these groups, at most two per term."""
     ways = Counter({(0,) * len(groups): 1})
     for fitting in fits:
-        more = Counter[tuple[int, ...]](ways)  # the modulation is not used
+        more = Counter[tuple[int, ...]](ways)  # case in which the modulation is not used
         for taken, number in ways.items():
             for at, group in enumerate(groups):
                 if group in fitting and taken[at] < 2 and sum(taken) < count:

@@ -42,7 +42,7 @@ def rates_of(
         switched: Whether each part has a constant more, by `switch_of`, that states whether the part acts.
     """
     writer = _Writer(structure, switched=switched)
-    if not held:  # what is held moves by no term
+    if not held:  # a body that is held has no acceleration
         writer.terms()
     if walled and not held:
         writer.walls()
@@ -60,7 +60,7 @@ def hidden_rates_of(structure: Structure) -> Rates:
     writer = _Writer(structure)
     writer.unseen()
     width = 2 if structure.apparatus.flat else 1
-    hidden = writer.rows[: 2 * width * len(structure.hidden)]  # the path length comes after them
+    hidden = writer.rows[: 2 * width * len(structure.hidden)]  # the derivative of the path length follows them
     rows = [row for at in range(width, len(hidden), 2 * width) for row in hidden[at : at + width]]
     return _compiled(writer, rows, single=True, scope=_SCOPE)
 
@@ -72,7 +72,14 @@ def switch_of(part: tuple[int, int | None]) -> str:
 
 
 def _compiled(writer: "_Writer", rows: list[str], *, single: bool, scope: Mapping[str, Any] | None = None) -> Rates:
-    """Compile the lines of a writer to a function that returns rows."""
+    """Compile generated lines to a function that returns time derivatives.
+
+    Args:
+        writer: Generated the lines.
+        rows: Variables or numbers that the function returns.
+        single: Whether the function computes with Python floats instead of arrays.
+        scope: Additional names that the lines may use.
+    """
     lines = ["def rates(K, F):", *(f" {line}" for line in writer.program.early), " def rate(t, S):"]
     lines += [f"  {','.join(writer.structure.states)},=S", *(f"  {line}" for line in writer.program.late)]
     if single:
@@ -80,7 +87,7 @@ def _compiled(writer: "_Writer", rows: list[str], *, single: bool, scope: Mappin
     else:
         lines += ["  out=empty_like(S)", *(f"  out[{at}]={row}" for at, row in enumerate(rows)), "  return out"]
     names: dict[str, Any] = {**(scope or (_SINGLE if single else _SCOPE)), "pi": math.pi}
-    # Nothing but texts of `scenes.worlds` is executed.
+    # Only text from `scenes.worlds` is compiled, never text from a user.
     exec("\n".join([*lines, " return rate"]), names)  # noqa: S102 - as just said
     return names["rates"]
 
@@ -110,7 +117,7 @@ class _Writer:
         return names | {f"o_{name}": f"b{3 - body}_{name}" for name in own if self.structure.bodies == 2}
 
     def terms(self) -> None:
-        """Write the acceleration of each body by the push on it and by each term."""
+        """Generate the acceleration of each body: that by the applied force and that by each term."""
         for body in self.bodies:
             for axis, push in enumerate(self.pushes):
                 control = (body - 1) * len(self.pushes) + axis
@@ -135,7 +142,7 @@ class _Writer:
                         self.sums[2, axis].append(f"(-m/m2*{part})")
 
     def walls(self) -> None:
-        """Write the acceleration by the soft wall or the buffers."""
+        """Generate the acceleration by the soft wall or the buffers."""
         edge = repr(self.structure.radius)
         for body in self.bodies:
             if self.structure.apparatus is Apparatus.GLIDER:
@@ -148,14 +155,14 @@ class _Writer:
                     self.sums[body, axis].append(f"(-W{body}*b{body}_{name})")
 
     def seen(self, *, held: bool) -> None:
-        """Write the time derivative of the readable states."""
+        """Generate the time derivatives of the readable states."""
         for body in self.bodies:
             sums = ["+".join(self.sums[body, axis]) for axis in range(len(self.places))]
             rows = [*(f"b{body}_{speed}" for speed in self.speeds), *sums]
             self._rows(["0.0"] * len(rows) if held else rows)
 
     def unseen(self) -> None:
-        """Write the time derivative of the hidden bodies and of the path length."""
+        """Generate the time derivatives of the states of hidden bodies and of the path length."""
         for at in self.structure.hidden:
             texts = self.structure.terms[at].hidden_at(at)
             self._rows([*(f"h{at}_{speed}" for speed in self.speeds), *(swapped(t, self.names(1)) for t in texts)])

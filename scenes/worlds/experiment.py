@@ -20,17 +20,17 @@ from scenes.worlds.parts import Apparatus
 from scenes.worlds.terms import Structure
 
 LOOK_S, LOOKS = 0.45, 2
-"""Laboratory time between two readings [s], and readings in one leg, in which the pushes stay the same."""
+"""Laboratory time between two readings [s], and number of readings in a leg. Pushes are constant during a leg."""
 RESOLUTION = 0.001
 """Resolution of positions and velocities [m, rad, m/s, rad/s]."""
 SEARCH_S = 0.09
 """Longest integration step of a fit [s]."""
 COURSE_S = 0.03
-"""Longest integration step of a course that replaces one of the laboratory [s]."""
+"""Longest integration step of a simulated course [s]."""
 TURNS = 18
 """Largest number of iterations of a course."""
 _FAR = 1e9
-"""Misfit of a course without a value, for example after divergence [standard deviations]."""
+"""Misfit that stands for a non-finite one, for example after divergence [standard deviations]."""
 _SLOWED = 0.6
 """Expected share of its velocity that a body keeps in a leg whose end is not read before the next one."""
 _REACH = 0.7

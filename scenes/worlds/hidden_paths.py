@@ -1,4 +1,4 @@
-"""The motion of the hidden body of a term along a given path of the visible bodies."""
+"""Computes the motion of the hidden body of a term, given the path of the visible bodies."""
 
 import functools
 import re
@@ -43,7 +43,7 @@ def hidden_states(alone: Structure, constants: Mapping[str, Any], trials: int, s
     """
     names = _constants_of_hidden(alone)
     values = np.array([np.broadcast_to(constants[name], (trials,)) for name in names]).reshape(len(names), trials)
-    # Most trials differ only in constants that do not matter to the hidden body.
+    # Most trials differ only in constants that do not affect the hidden body.
     different, place = np.unique(values, axis=1, return_inverse=True)
     own: dict[str, Any] = dict.fromkeys(alone.ranges, 1.0) | dict(zip(names, different, strict=True))
     found = (_linear if _is_linear(alone) else _step_by_step)(alone, own, different.shape[1], sampled)
@@ -81,7 +81,7 @@ def _step_by_step(alone: Structure, constants: Mapping[str, Any], trials: int, s
 
 
 def _linear(alone: Structure, constants: Mapping[str, Any], trials: int, sampled: SampledPath) -> Array:
-    """Do the same for a body that obeys linear equations.
+    """Integrate a hidden body with linear equations of motion along a path; returns its state at each point.
 
     The state after a gap is linear in the state before it and in the places: one step for each gap of a leg gives the
     matrices of all legs, which have equal durations.

@@ -1,4 +1,4 @@
-"""The laws of a structure for the engine, as expressions of packs whose knobs are the constants."""
+"""Generates the laws of a structure as expressions for the engine. The knobs of these expressions are the constants."""
 
 import re
 from collections.abc import Mapping
@@ -15,12 +15,12 @@ _WORD = re.compile(r"[A-Za-z_]\w*")
 
 
 def swapped(text: str, names: Mapping[str, str]) -> str:
-    """Rename the variables of an expression of the grammar."""
+    """Rename variables in an expression of the grammar."""
     return _WORD.sub(lambda found: names.get(found[0], found[0]), text)
 
 
 def laws_of(structure: Structure) -> list[dict[str, Any]]:
-    """Return the laws of the terms and of their hidden bodies, without the wall."""
+    """Return the laws of all terms and of their hidden bodies, without the law of the wall."""
     laws = [law for at, term in enumerate(structure.terms) for law in _laws_of_term(structure, at, term)]
     if structure.worn:
         speeds = {Apparatus.WHEEL: "sqrt(b_spin**2+1e-6)", Apparatus.GLIDER: "sqrt(b_vx**2+1e-6)"}
@@ -42,7 +42,7 @@ def walls_of(structure: Structure) -> list[dict[str, Any]]:
 
 
 def _names(apparatus: Apparatus, mass: str) -> dict[str, str]:
-    """Local name of a variable → its name in a law on a body."""
+    """Return a mapping from the grammar's name of a variable to its name in a law that acts on a body."""
     if apparatus.flat:
         return {"odo": "odo_z", "px": f"(push_x/{mass})", "py": f"(push_y/{mass})"}
     if apparatus is Apparatus.WHEEL:
@@ -80,7 +80,7 @@ def _others(at: int, term: Term) -> dict[str, str]:
 
 
 def _law_of_hidden(apparatus: Apparatus, at: int, term: Term) -> dict[str, Any]:
-    """Return the law of a hidden body of 1 kg, whose expressions call the body `b`."""
+    """Return the law that moves a hidden body of 1 kg. Its expressions refer to the hidden body as `b`."""
     names = {f"h{at}_{name}": name for name in ("x", "y", "vx", "vy")} | {f"h{at}_q": "x", f"h{at}_u": "vx"}
     names |= {name: f"b_{name}" for name in ("x", "y", "vx", "vy")}
     names |= {"q": "b_angle", "u": "b_spin"} if apparatus is Apparatus.WHEEL else {"q": "b_x", "u": "b_vx"}

@@ -36,7 +36,10 @@ class Difficulty:
     kinds: tuple[str, ...] = ("strong", "far", "late")
     """Possible kinds of questions. A world has three questions, of different kinds if possible."""
     bound: float = 0.25
-    """Smallest error of an informed answer, in tolerances. The noise is increased until the error reaches it."""
+    """Smallest standard error that the readings allow for an answer, in tolerances.
+
+    The noise is increased until the error reaches it.
+    """
 
     def changed(self, **attributes: Any) -> "Difficulty":
         """Return a difficulty with other attributes.
@@ -83,7 +86,7 @@ KINDS = (*_PLAIN, "apart", "push", "which")
 
 
 def kinds_for(apparatus: Apparatus, kinds: Iterable[str]) -> list[str]:
-    """The kinds of questions that an apparatus supports: `far` needs a position, and `apart` two bodies."""
+    """Return the kinds of questions that an apparatus supports. A wheel has no `far`, and `apart` needs two pucks."""
     none = {"far"} if apparatus is Apparatus.WHEEL else set[str]()
     return [kind for kind in kinds if kind not in none and (kind != "apart" or apparatus is Apparatus.PAIR)]
 

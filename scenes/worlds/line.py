@@ -1,4 +1,4 @@
-"""Forms of a body that moves along one coordinate: a wheel on its axle, a glider on its rail."""
+"""Forms of accelerations for a body with one coordinate: a wheel on its axle, or a glider on its rail."""
 
 from scenes.worlds.parts import PERIOD, POWER, TURN, Form, Range, size
 

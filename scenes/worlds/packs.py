@@ -59,7 +59,7 @@ def pack_of(record: WorldRecord, certificate: Certificate | None) -> Pack:
     )
     return Pack.model_validate({
         "metadata": {
-            "scene_name": "World",  # level and index would tell how to make it again, with its key
+            "scene_name": "World",  # Level and index are omitted, because with the key they determine the world.
             "task": task_of(record),
             "problem_type": "computation", "description": structure.label,
         },
@@ -113,7 +113,7 @@ def mjcf_of(record: WorldRecord, *, walled: bool = True, padded: bool = True, st
 
 
 def law_of(structure: Structure, constants: Mapping[str, float]) -> dict[str, Any]:
-    """Return the law of a structure with these constants, without its wall, as an agent would state it."""
+    """Return the law of a structure with given constants as an agent would state it, without the wall."""
     return statement_of(_model(structure, constants, NO_PADDING, "", walled=False, start=None))
 
 

@@ -18,11 +18,11 @@ from scenes.worlds.terms import Structure, Term
 
 _CALL, _OPERATION = re.compile(r"[a-z]\w*\(|\*\*"), re.compile(r"(?<!\*)\*(?!\*)|[-+/]")
 _IN_A_ROW = 80
-"""Number of calls or operations in one expression of the padding."""
+"""Number of function calls or operations that are chained in one expression of the padding."""
 
 
 class _Cost(NamedTuple):
-    """The number of laws, function calls and operations that laws take."""
+    """Cost of a set of laws: the number of laws, of function calls and of operations."""
 
     laws: int
     calls: int
@@ -62,7 +62,7 @@ def _inert(body: str) -> dict[str, Any]:
 
 
 def _filler(structure: Structure, hidden: Iterable[str], way: bool, room: _Cost, used: _Cost) -> dict[str, Any]:
-    """Return a law that reads every variable of this apparatus and performs the missing arithmetic."""
+    """Return a law without effect that reads every variable and performs the missing function calls and operations."""
     unseen = [*(f"hidden_{at}" for at in structure.hidden), *hidden]
     others = {f"h{number}": body for number, body in enumerate(unseen)}
     others |= {"o": "object_2"} if structure.bodies == 2 else {}
@@ -72,7 +72,7 @@ def _filler(structure: Structure, hidden: Iterable[str], way: bool, room: _Cost,
     read += ["o_push_x"] if structure.bodies == 2 else []
     let = {"read": "+".join(read)}
     calls = max(0, room.calls - used.calls)
-    # Each call is added, which is an operation too.
+    # Adding the result of a call is an operation, too.
     sums = ["sin(t)"] * calls + ["t"] * max(0, room.operations + room.calls - used.operations - calls)
     for at in range(0, len(sums), _IN_A_ROW):
         let[f"rest{at}"] = "+".join(["0", *sums[at : at + _IN_A_ROW]])

@@ -1,4 +1,4 @@
-"""Forms of two pucks on one floor that act on each other."""
+"""Forms of accelerations for two pucks on one floor that act on each other."""
 
 from scenes.worlds.parts import Form, Range, size
 

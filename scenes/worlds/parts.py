@@ -40,8 +40,11 @@ class Range:
     low: float
     high: float
     scale: str = "log"
-    """`log` or `lin`; `sign`: as `log`, with random sign; `disc`: at least a quarter of `high`, with random sign;
-    `angle`: of a full or half turn; `ratio`: as `log`, but far from 1."""
+    """Kind of distribution:
+
+    `log` or `lin`; `sign`: as `log`, with random sign; `disc`: at least a quarter of `high`, with random sign; `angle`:
+    of a full or half turn; `ratio`: as `log`, but far from 1.
+    """
     unit: str = "1"
 
 

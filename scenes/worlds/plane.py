@@ -1,4 +1,4 @@
-"""Forms of bodies that move on a floor."""
+"""Forms of accelerations for bodies that move on a floor."""
 
 from scenes.worlds.parts import HALF_TURN, PERIOD, POWER, TURN, Form, Range, size
 

@@ -33,18 +33,18 @@ _STEP_S = 0.04
 
 @dataclass(frozen=True)
 class Prediction:
-    """A reference's answers to the questions of a world, with their uncertainty."""
+    """The reference agent's answers to the questions of a world, with their uncertainty."""
 
     answer: Array
-    """The answers: those within whose tolerances most predictions lie."""
+    """The answers: for each question the prediction whose tolerance contains the most other predictions."""
     low: Array
     """2.5th percentile of the predictions."""
     high: Array
     """97.5th percentile."""
     reduced: float
-    """Reduced chi-square of the best structure."""
+    """Reduced chi-square of the best-fitting structure."""
     structures: dict[Structure, float]
-    """The weighted structures."""
+    """Structure → its weight in the predictions."""
     tried: int
     """Number of structures that were fitted."""
     law: tuple[Structure, dict[str, float]]
@@ -74,7 +74,7 @@ class Prediction:
 
 
 def predicted(search: Search, asked: Sequence[Question]) -> Prediction:
-    """Run a search and predict.
+    """Run a search for structures, and predict the answers from its best fits.
 
     Args:
         search: A search that has not been run yet.
@@ -120,7 +120,7 @@ def _quantile(found: Array, share: Array, level: float) -> float:
 
 
 def _likeliest(found: Array, share: Array, first: float) -> float:
-    """Return the prediction with most others within its tolerance; the first unless another is clearly better."""
+    """Return the prediction whose tolerance contains the most others; `first` unless another is clearly better."""
     values = np.where(np.isfinite(found), found, 1e9)
     near = np.abs(values[:, None] - values) <= tolerance(values)
     mass = near @ share

@@ -56,7 +56,7 @@ def protocol(line: str) -> Callable[[str], Protocol]:
 def blind_protocol(
     prompt: str, seconds: float = SEARCH_SECONDS, on_predicted: Callable[[Prediction], None] | None = None
 ) -> Protocol:
-    """Return the protocol of the reference that gets only the grammar and the prompt.
+    """Return the reference protocol that knows only the grammar and the prompt, not the structure.
 
     Args:
         prompt: The opening prompt of a world.
@@ -81,7 +81,7 @@ def _answered(prompt: str, found: Array, structure: Structure, constants: Mappin
 
 
 def _explored(told: Situation) -> Generator[list[Call], list[Reading], Course]:
-    """Push until the limits are reached, and return the course."""
+    """Apply pushes until the limits of the laboratory are reached; returns the course."""
     plan = Excitation(told, _SEED)
     bare = Structure(told.apparatus, (), told.radius)
     read, held, seen = np.array(bare.start)[: bare.read], list[Array](), list[Array]()

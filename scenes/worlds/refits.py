@@ -18,7 +18,7 @@ from scenes.worlds.weak_form import Legs, named, to_unit
 WORSE = 1.5
 """Mean square of the misfits, in variances of a reading, above which a fit does not explain the readings."""
 _SMOOTHED = 2
-"""Number of times that the path is smoothed by the drawn law before other structures are fitted."""
+"""Number of times that the path is smoothed with the drawn law before other structures are fitted."""
 _ROUNDS = 6
 
 

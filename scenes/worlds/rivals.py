@@ -1,8 +1,8 @@
 """Certificate "determined": every similar structure that explains the readings gives the same answers.
 
-A neighbour of the drawn structure has one form or modulation more or less, or one term replaced. It explains the
-readings if the rule of `scenes.family` does not exclude it. An agent that finds such a rival has made no mistake, so
-the rival's answers must be right too.
+Similar structures have one form or modulation more or less than the drawn one, or one term replaced. A structure
+explains the readings if the rule of `scenes.family` does not exclude it. An agent that infers such a structure has made
+no mistake, so its answers must be right too.
 """
 
 import itertools

@@ -33,7 +33,7 @@ _PLAIN = 0.5
 _DEVIATIONS = 3.0
 """A structure explains the readings if chi-square exceeds its mean by at most this many standard deviations."""
 _TOLD = 2
-"""Number of times that the path is smoothed with a known structure."""
+"""Number of times that the path is smoothed if the structure is known."""
 _POINTS, _STARTS, _TRIES = 400, 8, 4
 """For a structure with unknown constants: number of sampled points, number of them that are fitted, and of
 repetitions."""
@@ -61,9 +61,9 @@ class Search:
     modulations: Sequence[Modulation] | None = None
     seed: int = 0
     about: tuple[Structure, Array] | None = None
-    """The law whose transitions are used at first; None for one without terms."""
+    """Law from which the transitions of the first fits are computed; None for a law without terms."""
     found: dict[Structure, Fit] = field(default_factory=dict[Structure, Fit])
-    """Every structure that was fitted around the last path."""
+    """All structures fitted since the last linearisation, each with its best fit."""
     tried: int = 0
     """Number of fits."""
 
@@ -95,7 +95,7 @@ class Search:
         return self.best()
 
     def tell(self, structure: Structure, unit: Array) -> Fit:
-        """Start from a known structure with approximate constants."""
+        """Start the search from a known structure with approximate constants; returns its fit."""
         for _ in range(_TOLD):
             self._about(self.legs, structure, unit)
             fit = self.fit(structure, unit, _ROUNDS)
@@ -116,7 +116,7 @@ class Search:
         return self.found[structure]
 
     def extend(self, parts: int) -> None:
-        """Greedily add parts to the best structure."""
+        """Add parts to the best structure greedily, at most this many."""
         for _ in range(parts):
             for structure, unit in self._candidates.more(self.best()[0], frozenset(), 2 * _OFFERS):
                 self.fit(structure, unit, _ROUNDS)
@@ -143,7 +143,7 @@ class Search:
                 if self.over or (number >= _ENOUGH and min(map(_score, pool.values())) < node.score - PART):
                     break
                 known = self.found.get(structure)
-                if known is None or structure == node.structure:  # perhaps it fits better from there
+                if known is None or structure == node.structure:  # the structure may fit better around the new path
                     self.fit(structure, unit, _ROUNDS)
                 pool[structure] = self.found[structure]
             if min(map(_score, pool.values())) < best[0].score - PART and settle:
@@ -159,11 +159,11 @@ class Search:
 
     @property
     def over(self) -> bool:
-        """Whether the processor time is used up."""
+        """Whether the processor time of the search is used up."""
         return time.process_time() - self._begun > self.seconds
 
     def best(self) -> list[Fit]:
-        """Return the structures that were fitted, the best first."""
+        """Return all fitted structures, best first."""
         return sorted(self.found.values(), key=_score)
 
     def fit(self, structure: Structure, unit: Array, rounds: int) -> Fit:
@@ -180,7 +180,7 @@ class Search:
         return fit
 
     def _fitted(self, structure: Structure, unit: Array) -> Fit:
-        """Return a structure with unchanged constants as a fit."""
+        """Return the fit object of a structure at given constants, without optimising them."""
         units = unit[:, None] + _SHIFT * np.column_stack([np.zeros(len(unit)), np.eye(len(unit))])
         around = self._whitened.misfits(structure, units)
         slope = (around[:, 1:] - around[:, :1]) / _SHIFT

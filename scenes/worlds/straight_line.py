@@ -1,7 +1,8 @@
-"""Code without branches in which every operation is written once.
+"""Generates straight-line code (without branches) in which each common subexpression is computed once.
 
 Expressions of the grammar share many parts, such as the speed of a body, and many of their operations contain constants
-only. `Program` computes each operation once, and those of constants and controls before the integration.
+only. `Program` computes each operation once. Operations on constants and controls alone are computed once, before the
+integration.
 """
 
 import ast
@@ -12,11 +13,11 @@ _SIGNS: Final[Mapping[type[ast.operator], str]] = {
     ast.Add: "+", ast.Sub: "-", ast.Mult: "*", ast.Div: "/", ast.Pow: "**",
 }  # fmt: skip
 _MOST_FACTORS = 4
-"""Largest exponent that is written as products."""
+"""Largest integer exponent that is written as a product."""
 
 
 class Program:
-    """Operations in order, each assigned to a variable of its own.
+    """A list of operations in order, each assigned to a new variable.
 
     Attributes:
         early: Lines that contain neither time nor state.
@@ -40,7 +41,7 @@ class Program:
         self._known[name] = self.value(text)
 
     def value(self, text: str) -> str:
-        """Return the variable or the number that has the value of an expression."""
+        """Add the operations of an expression; returns the variable or number that holds its value."""
         return self._of(ast.parse(text, mode="eval").body)
 
     def _of(self, node: ast.expr) -> str:
@@ -74,7 +75,7 @@ class Program:
         return self._numbered("{}*{}", square, base if exponent == 3 else square)
 
     def _numbered(self, operation: str, *operands: str) -> str:
-        """Return the variable of an operation, which is written at its first occurrence."""
+        """Return the variable that holds the result of an operation, which is added at its first use."""
         text = operation.format(*operands)
         if text not in self._variables:
             name = self._variables[text] = f"v{len(self._variables)}"

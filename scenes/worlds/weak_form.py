@@ -45,7 +45,7 @@ _DRIFTS = (0.02, *np.geomspace(0.1, 300.0, 12))
 
 
 def box_of(bounds: Range) -> tuple[float, float]:
-    """Return the search range of a constant: that of a fit, except that angles are unbounded."""
+    """Return the search range of a constant: as `searched`, except that angles are unbounded."""
     low, high = searched(bounds)
     if bounds.scale == "angle":
         half = (high - low) / 2
@@ -88,7 +88,7 @@ class Legs:
 
     @classmethod
     def of(cls, course: Course, told: Situation) -> "Legs":
-        """Return the legs linearised around the readings themselves."""
+        """Create legs that are linearised around the readings themselves."""
         bare = Structure(told.apparatus, (), told.radius)
         return cls(course, told, np.vstack([np.array(bare.start)[: bare.read], course.readings]))
 
@@ -123,12 +123,12 @@ class Legs:
 
     @functools.cached_property
     def _for_forces(self) -> SampledPath:
-        """The path at the points at which forces of terms are evaluated."""
+        """The path at the points at which the forces of terms are evaluated."""
         return self._sampled(_AT)
 
     @functools.cached_property
     def _for_starts(self) -> SampledPath:
-        """The path at fewer points, of which only the starts of legs are needed."""
+        """The path at fewer points per leg, for computing the states at the starts of legs."""
         return self._sampled(np.arange(_HIDDEN_STEPS) / _HIDDEN_STEPS)
 
     @functools.cached_property
@@ -142,7 +142,7 @@ class Legs:
     def _states(
         self, structure: Structure, constants: Mapping[str, Any], trials: int, sampled: SampledPath, points: Any
     ) -> Array:
-        """The complete state at points of the path; shape (states, points, trials)."""
+        """The state, hidden bodies and path length included, at points of the path; shape (states, points, trials)."""
         rows = [np.broadcast_to(sampled.points[:, points, None], (structure.read, len(points), trials))]
         for at in structure.hidden:
             term = structure.terms[at]
@@ -159,10 +159,10 @@ class Legs:
     def ends(
         self, structure: Structure, constants: Mapping[str, Any], trials: int, shift: Array | None = None
     ) -> Array:
-        """The readable state at the end of each leg by a law; shape (legs, read, trials).
+        """Predict the readable state at the end of each leg from a law; shape (legs, read, trials).
 
         Args:
-            structure: Which terms act.
+            structure: The terms of the law.
             constants: Their constants; a value for each trial.
             trials: Number of trials.
             shift: Added to the state at the start of each leg; shape (read, trials).
@@ -188,7 +188,7 @@ class Legs:
         return Whitened(self, slopes)
 
     def columns(self, term: Term, constants: Mapping[str, Any], trials: int) -> Array:
-        """Return the change of the readable state at the end of each leg by a term; shape (legs × read, trials)."""
+        """Return how much a term changes the readable state at the end of each leg; shape (legs × read, trials)."""
         structure = Structure(self.told.apparatus, (term,), self.told.radius)
         legs, inner = len(self.course.durations), len(_AT) - 1
         points = (np.arange(legs)[:, None] * len(_AT) + np.arange(1, len(_AT))).ravel()

@@ -1,8 +1,10 @@
-"""The HTTP application of people who play in browsers. It accepts requests from this machine and from its proxy only.
+"""The HTTP application through which people play in a browser.
 
-Every path begins with a secret token, which leads to the state of one person and keeps out everyone else. Each browser
-page identifies itself with a number, and only one page of a person plays at a time: another one may take over, and the
-first is then told. Every refusal is a JSON object with one sentence.
+It accepts requests only from this machine and its proxy.
+
+Every path begins with a secret token, which identifies one person and keeps out everyone else. Each browser page
+identifies itself with a number, and only one page of a person can play at a time. Another page may take over; the first
+one then learns that it was replaced. Every refusal is a JSON object with one sentence.
 """
 
 import hashlib
@@ -35,7 +37,7 @@ ABSENT_S = 2 * _POLL_S
 _PAGE_HEADER = "x-physment-page"
 _HEADERS = {"cache-control": "no-store", "referrer-policy": "no-referrer", "x-content-type-options": "nosniff"}
 _LONGEST_NAME = 64
-"""Number of characters that identify a page."""
+"""Largest number of characters in a page's number."""
 _NOTHING = "nothing is here: open the whole address that you were given, with its token"
 _ELSEWHERE = "this episode is open in another window"
 
@@ -58,8 +60,8 @@ def app(states: Mapping[str, PageState], also: Collection[str] = ()) -> Starlett
     """Build the ASGI application.
 
     Args:
-        states: SHA-256 of a token → what its page shows, which also receives the person's turns.
-        also: Host names of proxies on this machine.
+        states: SHA-256 of a token → state of the page; it also receives the person's turns.
+        also: Accepted host names of proxies on this machine.
     """
     pages = _Pages(states)
     acts = (pages.agree, pages.turn, pages.leave, pages.close, pages.next, pages.take_over)
@@ -141,7 +143,7 @@ class _Pages:
         return FileResponse(ending.report, headers=_HEADERS)
 
     def _of(self, request: Request) -> PageState:
-        """Return the state that the token of a request leads to.
+        """Return the state of the person whose token a request carries.
 
         Raises:
             RefusedRequest: Nobody has this token.

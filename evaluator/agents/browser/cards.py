@@ -1,4 +1,4 @@
-"""What the page of a person shows besides the episode: who takes part in a challenge, and how an episode ended."""
+"""Content of the browser page besides the episode: the participant in a challenge, and how an episode ended."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -29,7 +29,7 @@ class Visitor:
     """A person who takes part in a challenge, as the page shows it."""
 
     code: str
-    """Stands for the person in all records."""
+    """Pseudonym of the person in all records."""
     consent: str
     """One sentence that the person agrees to before the first episode."""
     ends_at: float | None = None

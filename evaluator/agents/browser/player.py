@@ -70,7 +70,7 @@ class PageState:
     _chosen: anyio.Event = field(default_factory=anyio.Event)
 
     def state(self) -> dict[str, Any]:
-        """Return everything that the page shows, as JSON values."""
+        """Return the state as JSON values; the page shows all of them."""
         briefing = self.briefing
         known = {} if briefing is None else {"prompt": briefing.prompt, "budget": briefing.budget}
         tools = [] if briefing is None else [asdict(tool) for tool in briefing.tools]
@@ -152,14 +152,14 @@ class PageState:
         self.change()
 
     def agree(self) -> None:
-        """Take part in a challenge."""
+        """Record that the person agrees to take part in the challenge."""
         if self.visitor is not None and not self.visitor.agreed:
             self.visitor.agreed = True
             self._agreed.set()
             self.change()
 
     async def agreement(self) -> None:
-        """Wait until the person agrees, or nothing more is played."""
+        """Wait until the person agrees to take part, or leaves."""
         if self.visitor is None or not self.visitor.agreed:
             await self._agreed.wait()
 
@@ -192,7 +192,7 @@ class PageState:
         self.change()
 
     def choose(self, choice: str) -> None:
-        """Play on after the end.
+        """Set the person's choice of what to play after an ended episode.
 
         Args:
             choice: One of `Ending.choices`.
@@ -206,7 +206,7 @@ class PageState:
         self._chosen.set()
 
     def close(self, reason: str = _LEFT) -> None:
-        """Leave without an answer if the episode runs, and play nothing afterwards."""
+        """End the episode without an answer if one runs; no further episode is played."""
         self._closed = True
         self._chosen.set()
         self._agreed.set()
@@ -214,7 +214,7 @@ class PageState:
 
     @property
     def is_closed(self) -> bool:
-        """Whether nothing more is played."""
+        """Whether no further episode will be played on this page."""
         return self._closed
 
     async def choice(self, absent_s: float) -> str | None:
@@ -229,7 +229,7 @@ class PageState:
         return None if self._closed else self._choice
 
     def begin(self) -> None:
-        """Forget the last episode, before the next one is opened."""
+        """Clear the state of the last episode, before the next one is opened."""
         self.briefing, self.view, self.ending, self.turns, self.left = None, None, None, [], 0
         self._choice, self._chosen, self._replied, self._gone = None, anyio.Event(), anyio.Event(), ""
         self.number += 1

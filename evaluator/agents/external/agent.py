@@ -208,7 +208,7 @@ def _rules(max_calls: int, max_wall_s: float) -> str:
 
 
 def _how_it_ended(agent: ExternalAgent, ended: Ended, calls: int, max_calls: int) -> str:
-    """Explain in a sentence why a program ended without an answer before its calls were used up."""
+    """Explain in one sentence why a program ended without an answer although it had calls left."""
     program = Path(agent.command[0]).name
     if ended.out_of_time:
         return f"{program} gave no answer within {agent.max_wall_s:g} s and was stopped"

@@ -96,7 +96,7 @@ def boxes_of(model: mujoco.MjModel, data: mujoco.MjData) -> list[GeomBox]:
 
 
 class Extras(NamedTuple):
-    """What a view frames besides the objects of a scene."""
+    """Things that a view frames in addition to the objects of the model."""
 
     made: Collection[str] = ()
     """Names of objects that an agent has made."""

@@ -12,7 +12,9 @@ AZIMUTH_DEG, ELEVATION_DEG = 106.0, -15.0
 FIELD_DEG = 30.0
 """Vertical field of view."""
 _ROUND_ALL, _ROUND_ONE = 1.2, 2.5
-"""How much of a larger fixture is shown: a multiple of the objects' extent, or of the largest object's size."""
+"""Limits of how much of a fixture is shown around the objects: a multiple of the extent of all objects, or of the size
+of the largest one.
+"""
 _FILLED, _ALONE = 0.86, 0.5
 """Share of the image that objects may fill, and that a single object without surroundings may fill."""
 

@@ -1,6 +1,7 @@
-"""Moving plates: animated WebP images of visible bodies, with labels, last readings, courses of the task and captions.
+"""Moving plates: animated WebP images of visible bodies.
 
-Like `drawing`, this module needs a separate process.
+A frame has labels, the last readings, the cords, springs, rods, rails and pulleys that the task describes, and
+captions. Like `drawing`, this module needs a separate process.
 """
 
 import contextlib
@@ -31,17 +32,19 @@ _STRIP = _ROWS * (LINE + 6) + 12
 _SIZE = (600, (HEIGHT + _STRIP) * 600 // WIDTH)
 """Width and height of the animation [px], to which each frame is reduced."""
 _LIGHTS, _FINER = 1, 2
-"""Number of renderings for a frame, and of pixels drawn per pixel of its annotations; the reduction smooths both."""
+"""Number of light positions per frame, and pixels drawn per pixel of annotations; reducing the frame smooths both."""
 _FRAMED = 60
-"""Largest number of moments that decide what the camera shows."""
+"""Largest number of frames from which the camera's view is computed."""
 _MARK, _MARK_ALONE_M = 0.035, 0.05
-"""Half edge of the box around a reading, as a share of the largest distance, and without another thing [m]."""
+"""Half edge of the box that is framed around a reading: as a share of the largest distance in the image, and if nothing
+else is shown [m].
+"""
 _QUALITIES = (80, 60, 40, 20)
 """Qualities of WebP that are tried, until the file is small enough."""
 
 
 class ShownReading(NamedTuple):
-    """The last reading of the place of an object that is not drawn."""
+    """The last position reading of an object that is not drawn."""
 
     position: Sequence[float]
     words: str
@@ -49,7 +52,7 @@ class ShownReading(NamedTuple):
 
 
 class Shown(NamedTuple):
-    """What can be drawn at the same time."""
+    """The bodies, and the parts described by the task, that are drawn in the same frames."""
 
     bodies: Sequence[ShownBody]
     courses: Sequence[SketchedPart]
@@ -59,7 +62,7 @@ class Moment(NamedTuple):
     """One frame of an animation."""
 
     shown: int
-    """Index of what is drawn."""
+    """Index, in the list of `Shown`, of what the frame draws."""
     poses: Mapping[str, Sequence[float]]
     """Body → position [m] and quaternion, 7 numbers."""
     read: Mapping[str, ShownReading]
@@ -110,7 +113,7 @@ def _frames(things: Sequence[Shown], moments: Sequence[Moment]) -> Iterator[Imag
 
 
 def _runs(moments: Sequence[Moment]) -> Iterator[tuple[int, int]]:
-    """Yield first and last index, exclusive, of successive moments that draw the same."""
+    """Yield the start and the end (exclusive) of each run of successive frames that draw the same bodies."""
     cuts = [place for place in range(1, len(moments)) if moments[place].shown != moments[place - 1].shown]
     yield from zip([0, *cuts], [*cuts, len(moments)], strict=True)
 
@@ -120,14 +123,14 @@ def _model(bodies: Sequence[ShownBody]) -> str:
 
 
 class _Stage(NamedTuple):
-    """What stays over an animation: the camera, the ground, and a model of all bodies that are ever drawn."""
+    """The parts of an animation that stay the same in all frames, with a model of every body that is drawn."""
 
     view: View
     ground: Ground | None
     model: mujoco.MjModel
     data: mujoco.MjData
     objects: Collection[str]
-    """Names of all objects that are ever drawn."""
+    """Names of all objects that are drawn in any frame."""
 
     def boxes(self, poses: Mapping[str, Sequence[float]]) -> list[GeomBox]:
         """Put bodies at poses, and return the boxes of these and of the fixtures."""
@@ -138,7 +141,7 @@ class _Stage(NamedTuple):
 
 
 def _staged(things: Sequence[Shown], moments: Sequence[Moment]) -> _Stage:
-    """Frame everything that an animation shows."""
+    """Compute a camera and a ground for everything that an animation shows."""
     bodies = {body.name: body for shown in things for body in shown.bodies}
     model, data = staged(_model(list(bodies.values())))
     objects = [name for name, body in bodies.items() if body.pose]
@@ -155,7 +158,7 @@ def _staged(things: Sequence[Shown], moments: Sequence[Moment]) -> _Stage:
 
 
 def _marks(places: Collection[Sequence[float]], boxes: Sequence[GeomBox], points: Sequence[Array]) -> list[Array]:
-    """Return boxes around readings, of a size that depends only on the distances in the picture."""
+    """Return boxes around position readings. Their size depends only on the distances in the image."""
     if not places:
         return []
     whole = np.concatenate([np.array([*places]), *points, *(box.corners for box in boxes)])
@@ -164,7 +167,7 @@ def _marks(places: Collection[Sequence[float]], boxes: Sequence[GeomBox], points
 
 
 def _annotated(shown: Shown, moment: Moment, stage: _Stage) -> Overlay:
-    """Draw everything of a frame that is no body."""
+    """Draw the annotations of a frame: labels, readings, parts described by the task, captions and clock."""
     overlay, optics = Overlay(WIDTH, HEIGHT + _STRIP, _FINER), Optics(stage.view, WIDTH, HEIGHT)
     annotate(overlay, optics, {}, [] if stage.ground is None else [NO_FLOOR])
     places = {name: pose[:3] for name, pose in moment.poses.items()}
@@ -188,7 +191,10 @@ def _top(box: tuple[float, float, float, float]) -> Place:
 
 
 def _label(overlay: Overlay, tops: Mapping[str, Place]) -> None:
-    """Write texts above places, the lower ones first; one that would cover another, or lies outside, is left out."""
+    """Write texts above positions, starting with the lowest.
+
+    A text that would cover another, or lies outside the image, is omitted.
+    """
     taken: list[tuple[float, float, float]] = []
     for text, (x, y) in sorted(tops.items(), key=lambda item: -item[1][1]):
         # A comparison with NaN is false, so what lies behind the camera is outside too.

@@ -21,11 +21,11 @@ ROOM = 1.18
 _FRAMES = 24
 """Number of frames that are averaged."""
 _CELLS = 9.0
-"""Smallest number of grid cells across the image."""
+"""Smallest number of cells of the ground grid across the image."""
 _MOST = 6
 """Largest number of names in a line."""
 NO_FLOOR = "the grid is no part of the scene"
-"""Note on the grid."""
+"""Note below an image whose grid is not part of the scene."""
 
 
 def plate(mjcf: str, objects: Sequence[str], notes: Sequence[str] = ()) -> Pixels:

@@ -1,6 +1,7 @@
-"""Draws what is no body: rings where objects were read last, and cords, springs, rods, rails and pulleys of a task.
+"""Draws what a task describes but the model does not show.
 
-Only their ends are known, so none has a true size. Knows no engine.
+These are rings at the last position readings of objects, and cords, springs, rods, rails and pulleys. Only the ends of
+such parts are known, so no part has a true size. Knows no engine.
 """
 
 from collections.abc import Mapping, Sequence
@@ -29,24 +30,24 @@ class SketchedPart(NamedTuple):
 
     kind: str
     points: Sequence[str | Sequence[float]]
-    """Objects, for their middles, and places [m]."""
+    """Ends of the part: an object id for the object's centre, or a position [m]."""
 
 
 def draw_reading(overlay: Overlay, optics: Optics, position: Sequence[float]) -> None:
-    """Draw a dashed ring at the last reading of a place [m]."""
+    """Draw a dashed ring at the position of the last reading [m]."""
     (centre,) = optics.places(np.array([position]))
     if np.isfinite(centre).all():
         _ring(overlay, centre, RING, _READ, dashed=True)
 
 
 def draw_part(overlay: Overlay, optics: Optics, course: SketchedPart, places: Mapping[str, Sequence[float]]) -> None:
-    """Draw a part of the task; nothing while one of its ends is unknown.
+    """Draw a cord, spring, rod, rail or pulley; nothing while the position of one of its ends is unknown.
 
     Args:
         overlay: The layer to draw on.
         optics: The projection.
         course: The part.
-        places: Object → where it is drawn or was read last [m].
+        places: Object → its drawn position or its last reading [m].
     """
     known = [places.get(point) if isinstance(point, str) else point for point in course.points]
     found = [point for point in known if point is not None]

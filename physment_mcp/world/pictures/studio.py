@@ -159,7 +159,7 @@ def _decorated(mjcf: str, ground: Ground | None) -> mujoco.MjModel:
     model.vis.headlight.specular[:] = 0.05
     model.vis.rgba.haze[:] = (*SKY, 1)
     model.vis.quality.shadowsize, model.vis.quality.offsamples = 4096, 0
-    # Beyond this many extents nothing gets a shadow; at that border shadows are frayed, so it is out of the picture.
+    # MuJoCo draws no shadows beyond this many extents. Shadows are frayed at that border, so it is outside the image.
     model.vis.map.shadowclip = 4
     model.vis.global_.fovy = FIELD_DEG
     model.vis.quality.numslices, model.vis.quality.numstacks = 96, 48
