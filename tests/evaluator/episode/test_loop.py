@@ -201,6 +201,8 @@ async def test_usage_is_added_up_and_an_unknown_cost_stays_unknown() -> None:
     priced = tokens.model_copy(update={"cost_usd": 0.25})
     both = await play(Replies([Reply(calls=(STEP,), usage=tokens), Reply(calls=(ANSWER,), usage=priced)]))
     assert both.usage == Usage(input_tokens=20, output_tokens=6, cached_tokens=2, cost_usd=0.25)
+    failed = await play(Replies([Reply(calls=(STEP,), usage=tokens), AgentError("the context is full", priced)]))
+    assert failed.usage == both.usage
     unpriced = await play(Replies([Reply(calls=(ANSWER,), usage=tokens)]))
     assert unpriced.usage is not None
     assert unpriced.usage.cost_usd is None

@@ -1,4 +1,4 @@
-"""Tests that every form of `run.json` ever written can be read, and is written again unchanged."""
+"""Tests that every form of `run.json` ever written is read and written again unchanged, and of accepted calls."""
 
 import json
 from typing import Any
@@ -6,6 +6,7 @@ from typing import Any
 import pytest
 
 from evaluator.records.run import Plan, RunRecord, ServerRecord
+from tests.builders.records import episode, refused, rejected, returned, skipped, turn
 
 START: dict[str, Any] = {
     "created_at": "2026-11-21T18:27:41+00:00",
@@ -63,3 +64,10 @@ def test_a_run_of_a_later_format_is_refused() -> None:
 )
 def test_runs_belong_together_if_plan_packs_and_agents_are_the_same(changed: dict[str, Any], named: str) -> None:
     assert RECORD.difference(RECORD.model_copy(update=changed)) == named
+
+
+def test_accepted_calls_are_those_that_the_laboratory_ran_without_error_before_the_answer() -> None:
+    first = turn("", returned("step"), refused("step"), rejected("fly"))
+    second = turn("", returned("get_mass"), returned("answer"), skipped("step"))
+    accepted = [(number, exchange.call.tool) for number, exchange in episode(first, second).accepted_calls()]
+    assert accepted == [(1, "step"), (2, "get_mass")]

@@ -66,6 +66,13 @@ def test_the_better_of_two_agents_is_named_with_the_certainty() -> None:
     assert found.sentence.endswith("; p = 0.002, exact McNemar test.")
 
 
+def test_runs_that_differ_in_their_presentation_alone_are_named_by_it() -> None:
+    plain, renamed = side("one", lambda _: False), side("two", lambda _: True)
+    renamed = Side(renamed.name, renamed.rows, ("names", "units"))
+    found = compare(plain, renamed)
+    assert (found.a, found.b) == ("x (as presented)", "x (presentation names, units)")
+
+
 def test_open_worlds_and_scenes_of_the_suite_are_not_compared_together() -> None:
     def run(name: str, categories: dict[int, str]) -> Side:
         played = {scene: episode(key=episode_key(scene, agent=name)) for scene in categories}

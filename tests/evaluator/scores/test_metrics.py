@@ -1,6 +1,7 @@
 """Tests of dimensions, Final Score and summaries against values computed by hand and published ones."""
 
 import itertools
+from dataclasses import replace
 
 import pytest
 from hypothesis import given, settings
@@ -9,17 +10,20 @@ from hypothesis import strategies as st
 from evaluator.answers.rewards import Chance
 from evaluator.records.episode import (
     UNREAD,
+    Choice,
     Exchange,
     Grade,
     NormalisationClass,
     Outcome,
     Verdict,
 )
+from evaluator.records.evidence import EvidenceRecord, EvidenceVerdict
 from evaluator.scores.dimensions import WEIGHTS, final_score, non_repetition
 from evaluator.scores.grouping import quadrant
 from evaluator.scores.metrics import GroupSummary, held_out_accuracy, summarise
 from evaluator.scores.scored_episode import ScoredEpisode
 from evaluator.scores.wording import floor_sentence
+from evaluator.statistics.ability import ability_of
 from evaluator.statistics.intervals import wilson_interval
 from tests.builders.records import RIGHT, UNSCORED, WRONG, call, episode, episode_key, grade, returned, turn
 from tests.builders.scored import scored, scores_of
@@ -277,6 +281,35 @@ def test_a_dimension_that_no_episode_defines_is_undefined() -> None:
     assert (overall.g, overall.n_defined["g"]) == (None, 0)
     assert overall.final_score == pytest.approx(100 * (0.40 + 0.15 * 0.95 + 0.10))
     assert overall.final_score_of_defined == pytest.approx((overall.final_score or 0) / 0.65)
+
+
+def test_of_twenty_numbers_or_more_the_grounded_share_is_pooled() -> None:
+    read = returned("get_position", {"position": [1.5, 0.0, 0.0]}, object_id="object_1")
+    stated = " ".join(["It is at 1.5 m."] * 15 + ["It weighs 77.3 kg."] * 5)
+    rows = [scored(episode(turn("", read), turn(stated), turn("", returned("answer"))), RIGHT), row(RIGHT)]
+    overall = summarise(rows).overall
+    assert (overall.n_numbers, overall.g, overall.g_plus) == (20, 0.75, 0.75)
+
+
+def test_the_ability_in_an_adaptive_test_is_estimated_for_each_condition_from_scored_episodes() -> None:
+    choice = Choice(ability=0, se=3, information=0.2, rank=1, difficulty=1.0, difficulty_se=0.3, variant_sd=0.5)
+
+    def chosen(scene: int, agent: str, verdict: Grade) -> ScoredEpisode:
+        played = episode(key=episode_key(scene, agent=agent)).model_copy(update={"chosen": choice})
+        return scored(played, verdict)
+
+    rows = [chosen(7, "x", RIGHT), chosen(8, "x", UNSCORED), chosen(7, "y", WRONG), row(RIGHT, agent="x")]
+    able, unable = summarise(rows).abilities
+    assert (able.agent, unable.agent) == ("x", "y")
+    assert able.estimate == ability_of([(7, 0, choice, True)])
+    assert unable.estimate == ability_of([(7, 0, choice, False)])
+
+
+def test_the_verdict_on_evidence_needs_a_measurement() -> None:
+    plain = row(RIGHT)
+    assert plain.evidence_verdict is None
+    measured = replace(plain, evidence=EvidenceRecord(key=plain.key, episode="0"))
+    assert measured.evidence_verdict is EvidenceVerdict.GUESSED
 
 
 def test_normalised_accuracy_is_reported_with_strict_accuracy() -> None:
