@@ -89,7 +89,8 @@ class RunningChallenge:
     def page_of(self, person: Person) -> PageState:
         """Create the page of a person."""
         code = self.challenge.code(person.number)
-        visitor = Visitor(code, self.challenge.consent(person.number), agreed=person.agreed_at is not None)
+        consent, has_agreed = self.challenge.consent(person.number), person.agreed_at is not None
+        visitor = Visitor(code, consent, agreed=has_agreed, minutes=self.challenge.minutes)
         page = self.pages[person.number] = PageState(visitor=visitor)
         return page
 

@@ -1,7 +1,9 @@
 """The committed files are what the sources build, and the lock of node's packages names no host."""
 
+import re
 from pathlib import Path
 
+from physment_mcp.tools import TOOLS
 from tests.builders.paths import ROOT
 from tests.builders.viewer import VIEWER, needs_node, run
 
@@ -29,3 +31,16 @@ def test_the_modules_of_the_viewer_are_small() -> None:
     files = [*(VIEWER / "src").glob("*.ts"), *(VIEWER / "test").glob("*.ts")]
     assert len(files) > 10
     assert [file.name for file in files if file.read_text(encoding="utf-8").count("\n") > 300] == []
+
+
+def test_every_tool_and_argument_has_plain_words() -> None:
+    text = (VIEWER / "src" / "plain.ts").read_text(encoding="utf-8")
+    tools, arguments = (
+        set(re.findall(r"^  (\w+): ", text.partition(f"const {name}: ")[2].partition("};")[0], re.MULTILINE))
+        for name in ("TOOLS", "ARGUMENTS")
+    )
+    assert tools == {*(tool.name for tool in TOOLS), "answer"}
+    taken = {argument for tool in TOOLS for argument in tool.arguments.model_fields}
+    # The words of these are the names.
+    assert taken - arguments <= {"name", "joint", "axis", "answer", "steps"}
+    assert arguments <= taken

@@ -32,16 +32,16 @@ export class AnswerBox {
     const fields = this.fieldsOf(form);
     this.steps = (state.rules.steps ?? []).map(({ name }) => [name, input(`step:${name}`)]);
     const optional = (state.rules.steps ?? []).map(({ name, meaning, unit }, index) =>
-      element("label", { class: "play-field" }, element("span", {}, element("b", {}, name), ` ${meaning} [${unit}], optional`), this.steps[index]![1]),
+      element("label", { class: "play-field" }, element("span", {}, element("b", {}, meaning), ` [${unit}], optional `, element("small", { class: "play-wire" }, name)), this.steps[index]![1]),
     );
     const told = /# Answer\n\n([^#]*)/.exec(state.prompt ?? "")?.[1]?.trim() ?? "";
     this.element.replaceChildren(
       element("h2", {}, "Answer"),
-      element("p", { class: "play-soft" }, told),
       ...fields,
       ...optional,
       this.said,
       element("p", { class: "play-buttons" }, this.button),
+      element("p", { class: "play-soft" }, told),
       this.dialog,
     );
   }

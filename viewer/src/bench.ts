@@ -1,8 +1,8 @@
 /** The bench: tools in groups, a form for the chosen one, and the calls of the next iteration. */
 
-import { type Known, objectChoice, ToolForm } from "./form.js";
+import { objectChoice, ToolForm } from "./form.js";
 import { element } from "./markup.js";
-import { shortened } from "./readings.js";
+import { type Known, callInWords, namesOf, shownCall, toolInWords, wireName } from "./plain.js";
 import type { Call, State, Tool } from "./talk.js";
 
 const GROUPS: [string, RegExp][] = [
@@ -114,7 +114,7 @@ export class Bench {
       this.showForm(tools.find((tool) => tool.name === name));
     };
     this.tools.replaceChildren(
-      ...tools.map(({ name }) => radio("tool", name, name === before, () => choose(name))),
+      ...tools.map(({ name }) => radio("tool", name, name === before, () => choose(name), toolInWords(name))),
     );
     this.tools.hidden = tools.length < 2;
     choose(before);
@@ -140,13 +140,14 @@ export class Bench {
       const box = element("input", { type: "checkbox", name: "read", value: name });
       box.checked = this.reads.has(name);
       box.addEventListener("change", () => void (box.checked ? this.reads.add(name) : this.reads.delete(name)));
-      return element("label", { class: "bench-read" }, box, ` ${name}`);
+      const words = toolInWords(name);
+      return element("label", { class: "bench-read" }, box, ` ${words}`, ...wireName(name, words));
     });
     const several = this.objects.length > 1 ? [{ id: EVERY, name: "" }] : [];
     const of = objectChoice("read_of", [...this.objects, ...several]);
     if (this.readOf) of.value = this.readOf;
     of.addEventListener("change", () => void (this.readOf = of.value));
-    const legend = element("legend", {}, element("b", {}, "then read"), " What to read after the step, in the same click.");
+    const legend = element("legend", {}, element("b", {}, "then read"), " after the step, in the same click");
     return [element("fieldset", { class: "play-field" }, legend, element("label", {}, "of ", of), ...boxes)];
   }
 
@@ -169,33 +170,28 @@ export class Bench {
     const counted = `${number} call${number === 1 ? "" : "s"}, 1 iteration`;
     this.go.replaceChildren(element("b", {}, what), element("small", {}, ` ${counted}`));
     const repeats = this.last.length > 0 && this.last.every((call) => call.tool !== "answer");
-    this.again.title = repeats ? this.last.map(inWords).join("; ") : "";
+    this.again.title = repeats ? this.last.map((call) => callInWords(call, namesOf(this.objects))).join("; ") : "";
     this.go.disabled = this.add.disabled = !this.isOpen;
     this.again.disabled = !this.isOpen || !repeats;
   }
 
   private showQueue(): void {
     const shown = this.waiting.map((call, index) => {
-      const remove = element("button", { type: "button", "aria-label": `take ${call.tool} away` }, "×");
+      const remove = element("button", { type: "button", "aria-label": `take away: ${toolInWords(call.tool)}` }, "×");
       remove.addEventListener("click", () => {
         this.waiting.splice(index, 1);
         this.showQueue();
       });
-      return element("li", {}, `${inWords(call)} `, remove);
+      return element("li", {}, ...shownCall(call, namesOf(this.objects)), " ", remove);
     });
     this.list.replaceChildren(...shown);
     this.label();
   }
 }
 
-/** A call as a person would type it. */
-export function inWords(call: Call): string {
-  return [call.tool, ...Object.values(call.arguments).map(shortened)].join(" ");
-}
-
-function radio(name: string, value: string, checked: boolean, choose: () => void): HTMLElement {
+function radio(name: string, value: string, checked: boolean, choose: () => void, words = value): HTMLElement {
   const input = element("input", { type: "radio", name, value });
   input.checked = checked;
   input.addEventListener("change", choose);
-  return element("label", {}, input, element("span", {}, value));
+  return element("label", {}, input, element("span", { title: value }, words));
 }

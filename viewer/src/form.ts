@@ -2,18 +2,13 @@
 
 import { element } from "./markup.js";
 import { numberFrom } from "./numbers.js";
+import { argumentInWords, type Known, toolInWords, wireName } from "./plain.js";
 import type { Call, Schema, Tool } from "./talk.js";
 
 /** A field: its elements, and its value; undefined leaves the argument out. */
 interface Field {
   shown: HTMLElement;
   value: () => unknown;
-}
-
-/** An object that tools know, and the name that the task gives it. */
-export interface Known {
-  id: string;
-  name: string;
 }
 
 const COMPONENTS: Record<number, string[]> = { 3: ["x", "y", "z"], 4: ["w", "x", "y", "z"] };
@@ -43,6 +38,7 @@ export class ToolForm {
     this.element = element(
       "div",
       { class: "play-form" },
+      element("p", { class: "play-tool" }, element("b", {}, toolInWords(tool.name)), ...wireName(tool.name, "")),
       element("p", { class: "play-soft" }, tool.description),
       ...shown,
     );
@@ -62,7 +58,7 @@ export class ToolForm {
 function fieldOf(name: string, schema: Schema, required: boolean, objects: Known[]): Field {
   const forms = schema.anyOf ?? [schema];
   const kinds = new Set(forms.map((form) => form.type));
-  if (/^(object_id|obj\d_id|object\d_id)$/.test(name)) return objectField(name, schema, objects);
+  if (/^(object_id|obj\d_id|object\d_id)$/.test(name)) return objectField(name, objects);
   if (schema.enum) return choice(name, schema, schema.enum);
   if (kinds.has("boolean")) return checkbox(name, schema);
   const list = forms.find((form) => form.type === "array");
@@ -72,7 +68,8 @@ function fieldOf(name: string, schema: Schema, required: boolean, objects: Known
 }
 
 function labelled(name: string, schema: Schema, ...inputs: HTMLElement[]): HTMLElement {
-  const said = element("span", {}, element("b", {}, name), ` ${schema.description ?? ""}`);
+  const words = argumentInWords(name);
+  const said = element("span", {}, element("b", {}, words), ...wireName(name, words), ` ${schema.description ?? ""}`);
   const tag = inputs.length > 1 ? "fieldset" : "label";
   return element(tag, { class: "play-field" }, tag === "fieldset" ? element("legend", {}, said) : said, ...inputs);
 }
@@ -80,16 +77,17 @@ function labelled(name: string, schema: Schema, ...inputs: HTMLElement[]): HTMLE
 /** A choice among objects, by id and name. */
 export function objectChoice(name: string, objects: Known[]): HTMLSelectElement {
   const options = objects.map(({ id, name: called }) =>
-    element("option", { value: id }, called && called !== id ? `${id} · ${called}` : id),
+    element("option", { value: id }, called && called !== id ? `${called} · ${id}` : id),
   );
   return element("select", { name }, ...options);
 }
 
-function objectField(name: string, schema: Schema, objects: Known[]): Field {
+function objectField(name: string, objects: Known[]): Field {
   const select = objectChoice(name, objects);
   // A tool of two objects starts with two different ones.
   if (name.includes("2") && objects.length > 1) select.selectedIndex = 1;
-  return { shown: labelled(name, schema, select), value: () => select.value };
+  // The list says what an id is.
+  return { shown: labelled(name, {}, select), value: () => select.value };
 }
 
 function choice(name: string, schema: Schema, options: string[]): Field {
@@ -111,9 +109,9 @@ function number(name: string, schema: Schema, required: boolean): Field {
   if (isComponent) input.placeholder = "0";
   if (typeof schema.default === "number") input.value = `${schema.default}`;
   const value = () => {
-    if (input.value.trim() !== "") return numberFrom(name, input.value, schema);
+    if (input.value.trim() !== "") return numberFrom(argumentInWords(name), input.value, schema);
     if (isComponent) return 0;
-    return required ? numberFrom(name, input.value, schema) : undefined;
+    return required ? numberFrom(argumentInWords(name), input.value, schema) : undefined;
   };
   const shown = labelled(name, schema, input);
   if (isComponent) shown.classList.add("play-component");
@@ -128,26 +126,29 @@ function vector(name: string, schema: Schema, list: Schema, required: boolean): 
       name: `${name}.${component}`,
       inputmode: "decimal",
       autocomplete: "off",
-      "aria-label": `${name} ${component}`,
-      placeholder: `${component}: 0`,
+      "aria-label": `${argumentInWords(name)} ${component}`,
+      placeholder: "0",
     }),
+  );
+  const shown = inputs.map((input, index) =>
+    element("span", { class: "play-component" }, element("span", { "aria-hidden": "true" }, names[index]!), input),
   );
   if (name === "rgba") inputs.forEach((input) => (input.value = "1"));
   const value = () => {
     const isEmpty = inputs.every((input) => input.value.trim() === "");
     if (isEmpty && !required) return undefined;
     return inputs.map((input, index) =>
-      input.value.trim() === "" ? 0 : numberFrom(`${name} ${names[index]}`, input.value, list.items),
+      input.value.trim() === "" ? 0 : numberFrom(`${argumentInWords(name)} ${names[index]}`, input.value, list.items),
     );
   };
-  return { shown: labelled(name, schema, ...inputs), value };
+  return { shown: labelled(name, schema, ...shown), value };
 }
 
 function text(name: string, schema: Schema, required: boolean): Field {
   const input = element("input", { name, autocomplete: "off" });
   const value = () => {
     if (input.value !== "" || !required) return input.value || undefined;
-    throw new Error(`${name} is missing`);
+    throw new Error(`${argumentInWords(name)} is missing`);
   };
   return { shown: labelled(name, schema, input), value };
 }

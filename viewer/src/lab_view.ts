@@ -22,6 +22,8 @@ export interface LabViewOptions {
   dark?: boolean;
   /** Whether the camera moves at once, without gliding. */
   reducedMotion?: boolean;
+  /** What the label of an object says instead of its id. */
+  names?: (id: string) => string;
 }
 
 /** Is told the id of the object that is pointed at, and where the pointer is in the container [px]; null for none. */
@@ -51,11 +53,13 @@ export class LabView {
   private pointed: string | null = null;
   private waiting = 0;
   private dark: boolean;
+  private readonly names: (id: string) => string;
 
   constructor(
     private readonly container: HTMLElement,
-    { dark = false, reducedMotion = false }: LabViewOptions = {},
+    { dark = false, reducedMotion = false, names = (id) => id }: LabViewOptions = {},
   ) {
+    this.names = names;
     this.dark = dark;
     this.renderer = new WebGLRenderer({ antialias: true, alpha: true });
     this.renderer.shadowMap.enabled = true;
@@ -179,8 +183,8 @@ export class LabView {
   }
 
   private labels(): Map<string, string> {
-    const unseen = unseenOf(this.drawing, this.read).map(([id, read]) => [id, `${id}\n${readingInWords(read)}`] as const);
-    return new Map([...this.labelled().map((id) => [id, id] as const), ...unseen]);
+    const unseen = unseenOf(this.drawing, this.read).map(([id, read]) => [id, `${this.names(id)}\n${readingInWords(read)}`] as const);
+    return new Map([...this.labelled().map((id) => [id, this.names(id)] as const), ...unseen]);
   }
 
   private rebuild(): void {

@@ -49,7 +49,7 @@ export class Overlay {
     this.tags.clear();
     for (const [id, text] of texts) {
       const tag = document.createElement("span");
-      tag.className = text === id ? "lab-label" : "lab-label lab-unseen";
+      tag.className = text.includes("\n") ? "lab-label lab-unseen" : "lab-label";
       tag.textContent = text;
       this.tags.set(id, tag);
       this.element.append(tag);

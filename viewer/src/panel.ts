@@ -17,6 +17,8 @@ export interface PanelOptions {
   reducedMotion: boolean;
   /** What to tell of an object instead of its pose, in lines; then no number of a pose is told. */
   readings?: (id: string) => string[];
+  /** What the label of an object says instead of its id. */
+  names?: (id: string) => string;
 }
 
 export class LabPanel {

@@ -4,11 +4,11 @@ import { AnswerBox } from "./answer_box.js";
 import { Bench } from "./bench.js";
 import { chartOf } from "./chart.js";
 import { endCard } from "./end_card.js";
-import type { Known } from "./form.js";
 import { beyond, limitsInWords } from "./limits.js";
 import { rendered } from "./markdown.js";
 import { element } from "./markup.js";
 import { LabPanel } from "./panel.js";
+import { type Known, type Names, namesOf } from "./plain.js";
 import { changedOf, latestOf, seriesOf } from "./readings.js";
 import { lastResults, logRows } from "./results.js";
 import { type Call, Elsewhere, type Exchange, leave, type State, stateAfter, take, takeOver } from "./talk.js";
@@ -23,7 +23,7 @@ const note = by("note") as HTMLTextAreaElement;
 const leaving = by("leave") as HTMLButtonElement;
 
 let state: State | null = null;
-const panel = new LabPanel(by("lab"), { dark: dark.matches, reducedMotion, readings });
+const panel = new LabPanel(by("lab"), { dark: dark.matches, reducedMotion, readings, names: (id) => names()(id) });
 const bench = new Bench({ run, say });
 const answer = new AnswerBox((call) => take([call], note.value.trim()));
 const visitor = new VisitorCard(by("consent"), by("clock"), (sentence) => (by("budget").textContent = sentence));
@@ -52,6 +52,11 @@ function objects(): Known[] {
   };
   for (const exchange of exchanges()) search(exchange.content);
   return [...found].map(([id, name]) => ({ id, name }));
+}
+
+/** What the objects are called now. */
+function names(): Names {
+  return namesOf(objects());
 }
 
 function say(sentence: string): void {
@@ -86,9 +91,9 @@ function showTask(next: State): void {
 }
 
 function showMeasured(next: State): void {
-  by("last").replaceChildren(...lastResults(next.turns));
-  by("log").replaceChildren(...logRows(next.turns));
-  const changed = changedOf(seriesOf(exchanges())).slice(0, MOST_PLOTS);
+  by("last").replaceChildren(...lastResults(next.turns, names()));
+  by("log").replaceChildren(...logRows(next.turns, names()));
+  const changed = changedOf(seriesOf(exchanges(), names())).slice(0, MOST_PLOTS);
   by("plots").hidden = changed.length === 0;
   by("charts").replaceChildren(...changed.map(chartOf));
   const limits = limitsInWords(next.rules.limits ?? {}, exchanges());

@@ -2,10 +2,10 @@
 
 import { AppBridge, PostMessageTransport } from "@modelcontextprotocol/ext-apps/app-bridge";
 
-import { inWords } from "./bench.js";
-import { type Known, ToolForm } from "./form.js";
+import { ToolForm } from "./form.js";
 import { rendered } from "./markdown.js";
 import { element } from "./markup.js";
+import { callInWords, type Known, namesOf, toolInWords, wireName } from "./plain.js";
 import type { Call, Tool } from "./talk.js";
 
 type Result = Parameters<AppBridge["sendToolResult"]>[0];
@@ -72,7 +72,7 @@ async function call(bridge: AppBridge, made: Call): Promise<void> {
   const result = (await reply.json()) as Result;
   const text = result.content.find((part) => part.type === "text")?.text ?? "";
   const mark = result.isError ? "✗ refused: " : "";
-  by("calls").append(element("li", {}, element("b", {}, inWords(made)), element("br"), element("code", {}, mark + text)));
+  by("calls").append(element("li", {}, element("b", {}, callInWords(made, namesOf(objects()))), ...wireName(made.tool, ""), element("br"), element("code", {}, mark + text)));
   if (!shown.showing.includes(made.tool)) return;
   await bridge.sendToolInput({ arguments: made.arguments });
   await bridge.sendToolResult(result);
@@ -80,7 +80,7 @@ async function call(bridge: AppBridge, made: Call): Promise<void> {
 
 by("title").textContent = `${shown.title} · preview`;
 by("prompt").replaceChildren(...rendered(shown.prompt));
-tools.append(...shown.tools.map(({ name }) => element("option", { value: name }, name)));
+tools.append(...shown.tools.map(({ name }) => element("option", { value: name }, `${toolInWords(name)} · ${name}`)));
 tools.addEventListener("change", showForm);
 theme();
 showForm();

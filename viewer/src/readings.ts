@@ -1,5 +1,6 @@
 /** What was measured: numbers by object and quantity over the simulation clock, taken from the results of calls. */
 
+import { fieldInWords, type Names } from "./plain.js";
 import type { Exchange } from "./talk.js";
 
 export interface Reading {
@@ -50,14 +51,18 @@ export function unitOf(tool: string, field: string): string {
   return UNITS[field] ?? (COMPONENTS.includes(field) ? (UNITS[BARE[tool] ?? ""] ?? "") : "");
 }
 
-/** All series, the one that was read last first. */
-export function seriesOf(exchanges: Exchange[]): Series[] {
+/**
+ * All series, the one that was read last first.
+ *
+ * @param names - What objects are called.
+ */
+export function seriesOf(exchanges: Exchange[], names: Names = (id) => id): Series[] {
   const found = new Map<string, Series>();
   for (const { arguments: given, content, is_error: failed, tool } of exchanges) {
     const time = content?.["sim_time"];
     if (failed || !content || typeof time !== "number") continue;
     const of = given["object_id"];
-    const prefix = typeof of === "string" || typeof of === "number" ? `${of} ` : "";
+    const prefix = typeof of === "string" ? `${names(of)} ` : typeof of === "number" ? `${names(`object_${of}`)} ` : "";
     for (const [field, value] of Object.entries(content)) {
       if (COUNTERS.has(field)) continue;
       const bare = BARE[tool] !== undefined && COMPONENTS.includes(field);
@@ -115,7 +120,7 @@ export function latestOf(exchanges: Exchange[], object: string): string[] {
 
 /** A field of a result in words, such as `velocity [0, 0, -7.848] m/s`. */
 export function measured(tool: string, field: string, value: unknown): string {
-  return [field, shortened(value), unitOf(tool, field)].filter((part) => part !== "").join(" ");
+  return [fieldInWords(field), shortened(value), unitOf(tool, field)].filter((part) => part !== "").join(" ");
 }
 
 /** A value for a person: eight digits hide arithmetic noise, and nothing that was measured. */

@@ -79,6 +79,8 @@ export interface Person {
   code: string;
   consent: string;
   agreed: boolean;
+  /** Time from the consent on [min]; null without a limit. */
+  minutes: number | null;
   /** null without a limit, and before the consent. */
   seconds_left: number | null;
 }

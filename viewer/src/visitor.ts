@@ -33,6 +33,7 @@ export class VisitorCard {
   /** Show a person, and whether they have still to agree. */
   show(person: Person, isOver: boolean): void {
     this.card.querySelector("p")!.textContent = person.consent;
+    this.card.querySelector("#allowed")!.textContent = allowedInWords(person.minutes);
     this.card.hidden = person.agreed || isOver;
     this.ends = person.seconds_left === null ? null : performance.now() + 1000 * person.seconds_left;
     this.clock.dataset["code"] = `code ${person.code}`;
@@ -45,6 +46,13 @@ export class VisitorCard {
     const text = `${this.clock.dataset["code"] ?? ""}${left}`;
     if (this.clock.textContent !== text) this.clock.textContent = text;
   }
+}
+
+/** How much time there is, before the person agrees. */
+function allowedInWords(minutes: number | null): string {
+  if (minutes === null) return "There is no time limit.";
+  const most = `${minutes} minute${minutes === 1 ? "" : "s"}`;
+  return `You have ${most} for all scenes. The time starts when you agree, and runs on if you close this page.`;
 }
 
 function timeInWords(seconds: number): string {

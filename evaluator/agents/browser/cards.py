@@ -35,3 +35,5 @@ class Visitor:
     ends_at: float | None = None
     """When the person's time ends, on the monotonic clock [s]; None before the consent, or without a limit."""
     agreed: bool = False
+    minutes: float | None = None
+    """Time from the consent on [min]; None without a limit."""

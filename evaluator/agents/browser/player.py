@@ -86,7 +86,8 @@ class PageState:
         if visitor is None:
             return None
         left = None if visitor.ends_at is None else max(0.0, visitor.ends_at - time.monotonic())
-        return {"code": visitor.code, "consent": visitor.consent, "agreed": visitor.agreed, "seconds_left": left}
+        clock = {"minutes": visitor.minutes, "seconds_left": left}
+        return {"code": visitor.code, "consent": visitor.consent, "agreed": visitor.agreed, **clock}
 
     def _read(self) -> dict[str, Reading]:
         """Return the last reading of the place of each object, from the results alone."""

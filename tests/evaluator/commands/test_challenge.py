@@ -384,6 +384,7 @@ def test_a_person_agrees_plays_and_is_thanked_in_the_browser(
         page.visit(challenge.links["01"])
         page.wait("!document.getElementById('consent').hidden")
         assert "under the code 01, without my name" in page.run("document.getElementById('consent').textContent")
+        assert "You have 30 minutes for all scenes." in page.run("document.getElementById('consent').innerText")
         assert page.run("document.querySelector('main').offsetParent === null")
         assert page.run("document.documentElement.scrollWidth <= innerWidth")
         page.run("document.getElementById('agree').focus()")

@@ -227,15 +227,28 @@ def experiment_with(page: Page) -> None:
     page.wait("document.getElementById('budget').textContent === '18 of 20 iterations left'")
     assert "velocity [0, 0, -7.848] m/s" in page.run("document.getElementById('last').textContent")
     captions = page.run("[...document.querySelectorAll('figcaption')].map((one) => one.textContent)")
-    assert captions == ["object_1 velocity [m/s]", "object_1 position [m]"]
+    assert captions == ["ball velocity [m/s]", "ball position [m]"]
     # Components that are left empty are 0.
     page.run(f"({CHOOSE})('group', 'Act')")
     page.run(f"({CHOOSE})('tool', 'set_velocity')")
     page.run("document.getElementById('add').click()")
     page.run(f"({CHOOSE})('group', 'Build')")
     page.run(f"({CHOOSE})('tool', 'delete_objects')")
-    assert "set_velocity object_1 [0, 0, 0]" in page.run("document.querySelector('.bench-queue').textContent")
+    assert "give a velocity · ball · [0, 0, 0] m/s set_velocity" in page.run(
+        "document.querySelector('.bench-queue').textContent"
+    )
     page.run("document.querySelector('.bench-queue button').click()")
+
+
+def reached_by_tab(page: Page) -> set[str]:
+    """What the keyboard reaches from the top of the page: ids, else names of fields, else classes."""
+    reached: set[str] = set()
+    page.run("document.activeElement.blur()")
+    for _ in range(40):
+        page.press("Tab")
+        found = page.run("(({ id, name, className }) => id || name || className)(document.activeElement)")
+        reached.add(found)
+    return reached
 
 
 def answer_with(page: Page) -> None:
@@ -273,6 +286,10 @@ def test_a_person_fills_in_a_form_sees_what_came_back_and_answers(tmp_path: Path
         page.send("Emulation.setEmulatedMedia", features=[{"name": "prefers-reduced-motion", "value": "reduce"}])
         page.visit(played.address)
         page.wait("!document.getElementById('run').disabled")
+        # Whoever opens the page sees that there is a question to answer, without scrolling.
+        assert page.run("document.getElementById('give').getBoundingClientRect().bottom < innerHeight")
+        reached = reached_by_tab(page)
+        assert {"duration", "read_of", "run", "add", "give", "leave", "group", "lab-box lab-view"} <= reached
         experiment_with(page)
         # The scene can be turned by keyboard, and pointing at the ball tells what was read of it.
         label = "document.querySelector('.lab-label')"

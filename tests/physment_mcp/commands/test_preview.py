@@ -60,7 +60,7 @@ def test_the_app_is_in_a_frame_and_a_call_reaches_it(address: str, tmp_path: Pat
         page.visit(address)
         page.wait("!document.getElementById('run').disabled")
         page.run("document.querySelector('[name=duration]').value = '0.1'; document.getElementById('run').click()")
-        page.wait("document.getElementById('calls').textContent.includes('step 0.1{\"sim_time\"')")
+        page.wait("document.getElementById('calls').textContent.includes('let time pass · 0.1 s step{\"sim_time\"')")
         assert page.run("document.querySelector('iframe').getAttribute('sandbox')") == "allow-scripts"
         assert page.run("document.documentElement.scrollWidth <= document.documentElement.clientWidth")
         assert [one for one in page.complaints if "GPU stall" not in one] == []
