@@ -304,7 +304,6 @@ def test_lint_reports_gaps_in_object_numbers(author: Author) -> None:
     assert any("number them from object_1 on without gaps" in fault for fault in lint(files)), lint(files)
 
 
-@pytest.mark.no_cover  # the tests above cover the code; measured, the sweep takes three times as long
 @pytest.mark.parametrize("scene", SCENES)
 async def test_key_and_sanity_hold_for_every_scene_on_its_first_seed(scene: int, memory: EpisodeConnector) -> None:
     """The reference plays seed 0 through MCP, and the engine is asked for its key.
@@ -317,7 +316,6 @@ async def test_key_and_sanity_hold_for_every_scene_on_its_first_seed(scene: int,
     assert reasons_of(checks) == []
 
 
-@pytest.mark.no_cover
 @pytest.mark.parametrize("scene", SCENES[::5])
 async def test_twins_and_steps_hold_for_a_sample_of_the_scenes(scene: int, memory: EpisodeConnector) -> None:
     """The reference plays seed 0 through MCP and seed 1 on a session, without a server."""

@@ -29,7 +29,6 @@ def second_solver(scene: int) -> ModuleType:
     return module
 
 
-@pytest.mark.no_cover  # other tests cover the code; measured, the sweep takes three times as long
 @pytest.mark.parametrize("seed", [0, 1, 2])
 @pytest.mark.parametrize("scene", SOLVERS)
 async def test_a_second_solver_finds_the_same_key(scene: int, seed: int) -> None:
