@@ -14,10 +14,9 @@ from evaluator.answers.keys import KeyRing
 from evaluator.commands.base import Commands, allow_modified, folder_to_write
 from evaluator.commands.finishing import attached_to
 from evaluator.errors import StoreError, UsageError
-from evaluator.report.abilities import abilities_table
 from evaluator.report.agent_results import AgentResults, Run, agent_results, packs_of
+from evaluator.report.agent_tables import abilities_table, errata_table
 from evaluator.report.baselines import baseline_table
-from evaluator.report.errata import errata_table
 from evaluator.report.export import csv_text, latex, markdown
 from evaluator.report.notebook import pictures
 from evaluator.report.page import paper_page, write_report

@@ -27,8 +27,7 @@ from mcp.client.streamable_http import streamable_http_client
 
 from evaluator.episode.broken_connection import first_error, own_error, reason, server_failure, without_seed
 from evaluator.episode.forked_processes import ForkedConnector
-from evaluator.episode.host_process import start_host
-from evaluator.episode.host_sockets import HostSockets
+from evaluator.episode.local_host import HostSockets, start_host
 from evaluator.episode.passed_sockets import AVAILABLE, ControlSocket
 from evaluator.episode.toolbox import Toolboxes
 from evaluator.errors import EvaluatorError, InfrastructureError, PermanentFailure, ServerFull, UsageError

@@ -30,8 +30,8 @@ from evaluator.records.episode import Episode, EpisodeKey, Grade, Outcome, Verdi
 from evaluator.records.run import RunRecord
 from evaluator.referee.contract import EndedEpisode, OpenedEpisode, Reward, Variant, WantedEpisode, WantedVariants
 from evaluator.referee.metrics import Metrics
-from evaluator.referee.proofs import proved_variant
 from evaluator.referee.recording import Recording
+from evaluator.referee.selection import proved_variant
 from evaluator.referee.shaping import shaping_of
 from evaluator.referee.variants import VariantPage, Variants
 from evaluator.scores.scoring import grade_record

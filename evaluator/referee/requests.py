@@ -24,10 +24,10 @@ from starlette.types import ASGIApp, Receive, Scope, Send
 
 from evaluator.episode.player import Briefing
 from evaluator.errors import InfrastructureError, RefusedRequest, StoreError, UsageError
-from evaluator.loopback import is_for_this_machine
 from evaluator.referee.contract import EndedEpisode, Reward, WantedEpisode, WantedGroup, WantedVariants
 from evaluator.referee.episodes import Referee
 from evaluator.referee.metrics import CONTENT_TYPE
+from physment_mcp.contract.addresses import LOOPBACK, is_sent_to
 from scenes import is_world, reference_of
 
 M = TypeVar("M", bound=BaseModel)
@@ -78,7 +78,7 @@ class _PageGate:
         if scope["type"] == "http":
             headers = Headers(scope=scope)
             # DNS rebinding: a page can resolve its own host name to this address, but its requests carry that name.
-            if not is_for_this_machine(headers) or "origin" in headers:
+            if not is_sent_to(LOOPBACK, headers) or "origin" in headers:
                 await _refusal(403, "web pages and other machines may not speak to a referee without a token")(
                     scope, receive, send
                 )

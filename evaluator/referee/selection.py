@@ -1,15 +1,18 @@
-"""The variants that requests select: scenes with seeds, places in splits, worlds. Knows no answer keys."""
+"""The variants that requests select: scenes with seeds, places in splits, worlds; and their proofs."""
 
 import hashlib
 import secrets
 from dataclasses import replace
 from pathlib import Path
 
+import anyio.to_thread
+
+from evaluator.certify.seed_proofs import SeedProver
 from evaluator.errors import RefusedRequest, UsageError
 from evaluator.records.run import SEED_SHIFT
 from evaluator.referee.contract import Variant, WantedEpisode, WantedVariants, WantedWorld
 from evaluator.study.selection import find_split
-from scenes import WorldError, default_folder, reference_of
+from scenes import WorldError, default_folder, find_pack, reference_of
 from scenes.splits import HELD_BACK, Split, splits
 from scenes.worlds.folders import levels_of, worlds_of
 from scenes.worlds.records import WorldRecord
@@ -218,3 +221,28 @@ def _placed(split: Split, index: int, scene: int | None) -> Variant:
     if scene not in {None, found.scene}:
         raise RefusedRequest(400, f"variant {index} of {split.label} is one of scene {found.scene}, not of {scene}")
     return found
+
+
+async def proved_variant(prover: SeedProver, wanted: WantedEpisode, variant: Variant) -> Variant:
+    """Check the seed of a variant and return the variant to open.
+
+    If the seed fails, the next seed of the scene in the split replaces it, unless the request named the seed. A scene
+    without a certificate is not checked.
+
+    Args:
+        prover: Checks seeds.
+        wanted: The request.
+        variant: The variant that it selects.
+
+    Raises:
+        RefusedRequest: The seed fails the checks and must not be replaced, or no other seed is left.
+    """
+    while await anyio.to_thread.run_sync(prover.needs_proof, variant.scene, variant.seed):
+        place = variant.scene, variant.seed
+        failed = await prover.prove([(find_pack(variant.scene, prover.scenes_dir), variant.seed)])
+        if not failed:
+            break
+        if wanted.seed is not None or variant.index is None:
+            raise RefusedRequest(404, f"{failed[place].sentence(variant.scene)}, so it is not opened")
+        variant = next_variant(variant)
+    return variant

@@ -28,9 +28,8 @@ from evaluator.scores.grouping import (
     skill,
     skill_interval,
 )
-from evaluator.scores.laws import LawSummary, law_summary
 from evaluator.scores.scored_episode import ScoredEpisode
-from evaluator.scores.sufficiency import EvidenceSummary, evidence_summary
+from evaluator.scores.summaries import EvidenceSummary, LawSummary, evidence_summary, law_summary
 from evaluator.statistics.ability import Ability, ability_of
 from evaluator.statistics.attempts import Attempts, attempts
 from evaluator.statistics.budget_curve import BudgetCurve, Cell, budget_curve

@@ -10,8 +10,7 @@ from evaluator.scores.errata import is_withdrawn
 from evaluator.scores.failures.findings import Failure
 from evaluator.scores.grounding import Grounding
 from evaluator.scores.grouping import rung
-from evaluator.scores.laws import StatedEpisode
-from evaluator.scores.sufficiency import MeasuredEpisode
+from evaluator.scores.summaries import MeasuredEpisode, StatedEpisode
 from scenes import Erratum, Rung, reference_of
 
 

@@ -1,19 +1,74 @@
-"""Plays episodes concurrently, retries them after infrastructure errors, and writes each to disk when it ends."""
+"""Plays episodes concurrently, retries them after infrastructure errors, and writes each to disk when it ends.
 
-from collections.abc import Awaitable, Callable, Iterable, Mapping, Sequence
+The running episodes are listed for `watch` in a small file in the run folder, which is removed at the end.
+"""
+
+import contextlib
+import time
+from collections.abc import Awaitable, Callable, Generator, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from datetime import UTC, datetime
+from datetime import UTC, datetime, timedelta
 
 import anyio
 
 from evaluator.episode.connect import EpisodeConnector
 from evaluator.episode.loop import Participant
 from evaluator.episode.spans import end_episode, episode_span
+from evaluator.episode.underway import UNDERWAY, Underway
 from evaluator.errors import InfrastructureError, PermanentFailure
 from evaluator.records.episode import Episode, EpisodeKey, Outcome, Usage, Versions, total_usage
+from evaluator.records.run import RunningEpisode, RunningEpisodes
 from evaluator.store.run_folder import RunFolder
 from evaluator.study.run_config import Meter
-from evaluator.study.running_episodes import Board
+
+_EVERY_S = 1.0
+"""Time between two writes of the file [s]."""
+
+
+@dataclass(slots=True)
+class Board:
+    """The running episodes of a run."""
+
+    folder: RunFolder
+    _present: dict[EpisodeKey, Underway] = field(default_factory=dict[EpisodeKey, Underway])
+
+    @contextlib.contextmanager
+    def shown(self, key: EpisodeKey) -> Generator[None]:
+        """List an episode as running while the block plays it."""
+        self._present[key] = underway = Underway(key)
+        token = UNDERWAY.set(underway)
+        try:
+            yield
+        finally:
+            UNDERWAY.reset(token)
+            del self._present[key]
+
+    async def keep_written(self) -> None:
+        """Rewrite the file at intervals until cancelled; then remove it."""
+        try:
+            while True:
+                self.write()
+                await anyio.sleep(_EVERY_S)
+        finally:
+            self.folder.running_file.unlink(missing_ok=True)
+
+    def write(self) -> None:
+        """Write the file. Errors are ignored, because the file is only for display."""
+        clock, now = time.monotonic(), datetime.now(UTC)
+        found = RunningEpisodes(
+            episodes=tuple(
+                RunningEpisode(
+                    key=one.key,
+                    turn=one.turn,
+                    call=one.call,
+                    began_at=(now - timedelta(seconds=clock - one.began_at)).isoformat(timespec="milliseconds"),
+                )
+                for one in self._present.values()
+            )
+        )
+        with contextlib.suppress(OSError):
+            self.folder.running_file.write_text(found.model_dump_json(), encoding="utf-8")
+
 
 MAX_ATTEMPTS = 3
 """Number of attempts at an episode before an infrastructure error is recorded."""

@@ -22,7 +22,6 @@ from starlette.routing import Mount, Route
 from starlette.staticfiles import StaticFiles
 
 from evaluator.errors import EvaluatorError, StoreError
-from evaluator.loopback import OnlyHere
 from evaluator.records.episode import EpisodeKey
 from evaluator.report.agent_results import Run
 from evaluator.report.page import render
@@ -30,6 +29,7 @@ from evaluator.scores.scoring import grade_record, score_episode
 from evaluator.store.run_folder import RunFolder
 from evaluator.watch.followed_run import FollowedRun
 from evaluator.watch.state import state_of
+from physment_mcp.contract.addresses import OnlyHere
 
 _FRESH_S = 0.5
 """Shortest time between two reads of the folder, regardless of the number of open pages [s]."""

@@ -7,7 +7,6 @@ the size and time of bodies. Functions for the host check tokens and the form of
 import asyncio
 import contextlib
 import logging
-import re
 import secrets
 import time
 from collections import Counter
@@ -24,7 +23,7 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from uvicorn.protocols.http.auto import AutoHTTPProtocol
 from uvicorn.protocols.http.flow_control import FlowControl
 
-from physment_mcp.contract.addresses import LOOPBACK, named_host
+from physment_mcp.contract.addresses import LOOPBACK, foreign_origin, is_sent_to
 from physment_mcp.errors import quoted
 
 logger = logging.getLogger(__name__)
@@ -40,7 +39,6 @@ _READ = 2048
 """Size of one read from a connection [bytes]. uvicorn parses every request of a read at once (kind `slow readers`)."""
 _WARN_S = 60.0
 """Shortest time between two warnings that connections are refused [s]."""
-_SCHEME = re.compile(r"[a-z][a-z0-9+.-]*://", re.ASCII | re.IGNORECASE)
 _ONE_OBJECT = 'a message is one JSON object, such as {"jsonrpc": "2.0", "id": 1, "method": "tools/list"}'
 
 
@@ -161,8 +159,7 @@ class _BoundedProtocol(AutoHTTPProtocol):
 class HttpGuard:
     """ASGI middleware that reads the body of a request and passes the request on, or refuses it.
 
-    It refuses a Host header with a foreign name, and an Origin header of a foreign site. This prevents DNS rebinding: a
-    web page makes its own name resolve to this server's address, and its requests then carry that name. The local
+    It refuses a Host header with a foreign name, and an Origin header of a foreign site (DNS rebinding). The local
     address of the connection cannot be forged in this way, so it is accepted. Starlette's `TrustedHostMiddleware`
     compares with a fixed list, which cannot hold the addresses of a server that listens on all interfaces.
 
@@ -208,13 +205,12 @@ class HttpGuard:
     def _wrong_place(self, request: Request) -> JSONResponse | None:
         address = (request.scope.get("server") or (None,))[0]
         known = self._names if address is None else self._names | {address.lower()}
-        hosts, origins = request.headers.getlist("host"), request.headers.getlist("origin")
-        if len(hosts) != 1 or named_host(hosts[0]) not in known:
-            return refuse(400, f"this host does not go by the name {quoted(', '.join(hosts))}; --allow-host adds one")
-        for origin in origins:
-            scheme = _SCHEME.match(origin)
-            if scheme is None or named_host(origin[scheme.end() :]) not in known:
-                return refuse(403, f"pages of {quoted(origin)} may not speak to this host")
+        if not is_sent_to(known, request.headers):
+            hosts = ", ".join(request.headers.getlist("host"))
+            return refuse(400, f"this host does not go by the name {quoted(hosts)}; --allow-host adds one")
+        origin = foreign_origin(known, request.headers)
+        if origin is not None:
+            return refuse(403, f"pages of {quoted(origin)} may not speak to this host")
         return None
 
     async def _body(self, receive: Receive) -> bytes | JSONResponse | None:

@@ -17,9 +17,8 @@ from evaluator.records.run import Plan, RunRecord, ServerRecord
 from evaluator.records.seed_key import SeedKey
 from evaluator.referee.contract import WantedEpisode
 from evaluator.referee.episodes import Referee
-from evaluator.referee.proofs import proved_variant
 from evaluator.referee.requests import app
-from evaluator.referee.selection import variant_of
+from evaluator.referee.selection import proved_variant, variant_of
 from evaluator.store.run_folder import RunFolder
 from evaluator.study.run_config import RunConfig
 from scenes import Category, PackFiles, draw_knobs, find_pack, pack_hash, read_pack, write_new_scene

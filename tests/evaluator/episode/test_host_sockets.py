@@ -10,7 +10,7 @@ import anyio
 import pytest
 
 from evaluator.episode.connect import HostConnector, LocalHost
-from evaluator.episode.host_sockets import HostSockets
+from evaluator.episode.local_host import HostSockets
 from evaluator.episode.passed_sockets import ControlSocket, passed
 from evaluator.errors import InfrastructureError, UsageError
 

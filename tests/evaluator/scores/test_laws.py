@@ -9,14 +9,14 @@ import pytest
 from evaluator.answers.keys import KeyRing
 from evaluator.records.episode import EpisodeKey, LawGrade, Verdict
 from evaluator.report.agent_results import agent_results
-from evaluator.report.laws import laws_table
+from evaluator.report.agent_tables import laws_table
 from evaluator.report.page import render
 from evaluator.report.tables import Count
 from evaluator.scores.comparison import Side, compare
-from evaluator.scores.laws import StatedEpisode, law_sentence, law_summary
 from evaluator.scores.metrics import summarise
 from evaluator.scores.scored_episode import ScoredEpisode
 from evaluator.scores.scoring import grade_run, law_grade
+from evaluator.scores.summaries import StatedEpisode, law_sentence, law_summary
 from evaluator.store.run_folder import RunFolder
 from tests.builders.records import episode, episode_key, grade, returned, turn
 from tests.builders.reports import run_of

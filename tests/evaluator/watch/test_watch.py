@@ -24,7 +24,7 @@ from evaluator.records.episode import Episode, EpisodeKey, Outcome, Usage
 from evaluator.records.run import Plan, RunRecord, ServerRecord
 from evaluator.store import durable
 from evaluator.store.run_folder import RunFolder
-from evaluator.study.running_episodes import Board
+from evaluator.study.runner import Board
 from evaluator.watch.followed_run import FollowedRun
 from evaluator.watch.state import state_of
 from scenes import find_pack, pack_hash

@@ -1,4 +1,4 @@
-"""Episodes on an episode server that this process started, each over its own Unix socket.
+"""An episode server that this process starts and that ends with it, and its episodes, each over its own Unix socket.
 
 This process and the server hold the two ends of a control socket. For each episode, this process creates a socket pair
 and sends one end through the control socket. The first line on the new socket is the request for the episode. After
@@ -7,16 +7,71 @@ the server's reply, every line is an MCP message. Closing the socket closes the 
 
 import contextlib
 import json
+import socket
+import subprocess
+import sys
 from collections.abc import AsyncGenerator, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import IO, Any
 
 import anyio
 from mcp import Client
 from mcp.client.extension import ClientExtension
 
-from evaluator.episode.passed_sockets import ControlSocket, Messages, passed
+from evaluator.episode.passed_sockets import AVAILABLE, ControlSocket, Messages, passed
 from evaluator.errors import InfrastructureError
+
+
+def start_host(
+    options: Sequence[str], token: str | None, errors: IO[str]
+) -> tuple[subprocess.Popen[str], ControlSocket | None]:
+    """Start an episode server on a free port. It prints its address as the first line.
+
+    Args:
+        options: Options of `physment-mcp serve`.
+        token: Token required to open episodes over HTTP; None if any program on this machine may open them.
+        errors: File that captures its stderr.
+
+    Returns:
+        The process, whose stdin is a pipe that the operating system closes even if this process is killed; and the
+        control socket that opens episodes on it, None if the system cannot pass sockets between processes.
+
+    Raises:
+        OSError: The operating system cannot create another process or file.
+    """
+    command = [sys.executable, "-m", "physment_mcp", "serve", "--port", "0", "--end-with-stdin", *options]
+    if not AVAILABLE:
+        return _started(command, (), token, errors), None
+    ours, theirs = socket.socketpair()
+    try:
+        ours.setblocking(False)
+        with theirs:
+            command += ["--control-fd", str(theirs.fileno())]
+            return _started(command, [theirs.fileno()], token, errors), ControlSocket(ours)
+    except BaseException:
+        ours.close()
+        raise
+
+
+def _started(
+    command: Sequence[str], inherited: Sequence[int], token: str | None, errors: IO[str]
+) -> subprocess.Popen[str]:
+    process = subprocess.Popen(  # noqa: S603 - our own server
+        [*command, *(["--token-stdin"] if token else [])],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        stderr=errors,
+        text=True,
+        pass_fds=inherited,
+    )
+    assert process.stdin is not None
+    if token:
+        # Not in an environment variable, which other programs of this user could read.
+        with contextlib.suppress(BrokenPipeError):  # the process has exited; its last output line is reported
+            process.stdin.write(f"{token}\n")
+            process.stdin.flush()
+    return process
+
 
 _OPEN_S = 60.0
 """Longest wall time for opening an episode [s]."""

@@ -1,0 +1,113 @@
+"""Tables with rows for each agent: abilities, known faults, laws; and the grid of verdicts at the head of a report."""
+
+from collections import defaultdict
+from collections.abc import Sequence
+from typing import NamedTuple
+
+from evaluator.records.episode import Verdict
+from evaluator.report.agent_results import AgentResults
+from evaluator.report.notebook import Entry
+from evaluator.report.tables import Cell, Count, Table
+from evaluator.scores.summaries import law_summary
+from evaluator.scores.wording import withdrawn_clause
+from scenes import reference_of
+
+
+def abilities_table(results: Sequence[AgentResults]) -> Table | None:
+    """The ability of each agent in an adaptive test; None if there was no such test."""
+    found: list[list[Cell]] = []
+    for result in results:
+        for one in result.summary.abilities:
+            place, ends = one.estimate, one.estimate.interval
+            found.append([result.label, one.budget, place.answers, place.ability, place.se, ends.low, ends.high])
+    columns = ("agent", "budget", "episodes", "ability, logits", "± SE", "95 % from", "to")
+    note = (
+        "Scenes were chosen by the answers before them. Abilities compare with those of other agents on the same"
+        " calibration; the accuracies of an adaptive test compare with no others."
+    )
+    return Table("abilities", "Ability by adaptive test", columns, found, 2, note) if found else None
+
+
+def errata_table(results: Sequence[AgentResults]) -> Table | None:
+    """Return the known faults of the packs that were played, with their effect on accuracies; None without any."""
+    found: list[list[Cell]] = []
+    for result in results:
+        for one in result.summary.errata:
+            entry = one.erratum
+            scene = reference_of(entry.scene)
+            found.append([result.label, scene, entry.pack, entry.effect.value, entry.fault, str(entry.date), one.n])
+    if not found:
+        return None
+    clauses = [f"{result.label}: {withdrawn_clause(result.whole)}." for result in results if result.whole.n_withdrawn]
+    columns = ("agent", "scene", "pack", "effect", "fault", "confirmed", "episodes")
+    note = " ".join(["Withdrawn episodes have no verdict; noted ones keep theirs.", *clauses])
+    return Table("errata", "Known faults of the packs that were played", columns, found, note=note)
+
+
+def laws_table(results: Sequence[AgentResults]) -> Table | None:
+    """Table of predictions and laws of each agent; None if no agent stated a law."""
+    rows: list[list[Cell]] = []
+    for result in results:
+        found = law_summary(row.stated for row in result.rows if row.is_scored and row.stated)
+        if found is None or not found.stated:
+            continue
+        counts = (found.predicted, found.stated, found.known)
+        rows.append([
+            result.label,
+            *(Count(count, found.asked) for count in counts),
+            *(Count(count, found.predicted) for count in (found.predicted_not_known, found.predicted_not_stated)),
+            found.dependence_f1,
+            None if found.length is None else round(found.length),
+        ])  # fmt: skip
+    columns = ("agent", "predicted", "stated a law", "knew the law", "predicted but did not know")
+    columns += ("predicted, stated none", "F1 of dependences", "length of known laws")
+    return Table("laws", "Do agents that predict also know?", columns, rows) if rows else None
+
+
+_SYMBOLS = {"correct": "✓", "incorrect": "✗", "mixed": "±", "unscored": "–", "": ""}
+
+
+class VerdictCell(NamedTuple):
+    """A cell of the grid: the verdicts on the episodes of one agent in one scene."""
+
+    state: str
+    """`correct`, `incorrect`, `unscored`, or `mixed` if its scored episodes differ; empty if there is none."""
+    symbol: str
+    """One character for the state, so that colour is not the only distinction."""
+    words: str
+    """Text of the cell: scene and state, such as `28 Glider between cords: 2 of 3 correct`."""
+    href: str
+    """Link to the notebook of its only episode, or to the list of episodes."""
+    chosen: str
+    """Filter by which the list shows only the episodes of this cell; empty if the cell links to a notebook."""
+
+
+def verdict_grid(entries: Sequence[Entry], agents: int) -> list[list[VerdictCell]]:
+    """For each agent, a cell for each scene; the scenes are in the same order for all.
+
+    Args:
+        entries: The episodes of the report, in order of scene.
+        agents: Number of agents in the report.
+    """
+    found: defaultdict[tuple[int, int], list[Entry]] = defaultdict(list)
+    titles: dict[int, str] = {}
+    for entry in entries:
+        found[entry.agent_index, entry.row.key.scene].append(entry)
+        titles[entry.row.key.scene] = entry.row.scene_title
+    return [
+        [_cell(agent, scene, title, found[agent, scene]) for scene, title in titles.items()] for agent in range(agents)
+    ]
+
+
+def _cell(agent: int, scene: int, title: str, played: Sequence[Entry]) -> VerdictCell:
+    scored = [entry.row.is_correct for entry in played if entry.row.grade.strict is not Verdict.UNSCORED]
+    if not played:
+        state, words = "", "not played"
+    elif not scored:
+        state, words = "unscored", "unscored"
+    else:
+        state = "mixed" if 0 < sum(scored) < len(scored) else "correct" if scored[0] else "incorrect"
+        words = state if len(played) == 1 else f"{sum(scored)} of {len(scored)} correct"
+    if len(played) > 1:
+        return VerdictCell(state, _SYMBOLS[state], f"{title}: {words}", "#episodes", f"scene={scene}&agent={agent}")
+    return VerdictCell(state, _SYMBOLS[state], f"{title}: {words}", "".join(f"#{one.id}" for one in played), "")
