@@ -14,8 +14,8 @@ from typing import TYPE_CHECKING, Any
 from physment_mcp.scene import load_scene
 from physment_mcp.serving.prompts import Prompting, PromptOptions, opening_prompt
 from physment_mcp.session import Session
-from physment_mcp.tools import Tool, tools_of
-from physment_mcp.tools.calls import call
+from physment_mcp.tools import Tool
+from physment_mcp.tools.calls import call, tools_of
 
 if TYPE_CHECKING:
     from mcp.server.lowlevel import Server

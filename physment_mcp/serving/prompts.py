@@ -9,7 +9,8 @@ from enum import StrEnum
 from physment_mcp.serving.examples import EXAMPLES, shown
 from physment_mcp.serving.prompt_blocks import LAW_BLOCK, answer_block, laboratory_blocks, steps_block, tool_listing
 from physment_mcp.session import Session
-from physment_mcp.tools import TOOLS, tools_of
+from physment_mcp.tools import TOOLS
+from physment_mcp.tools.calls import tools_of
 
 
 class Prompting(StrEnum):

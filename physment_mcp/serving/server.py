@@ -16,7 +16,6 @@ from mcp.server.lowlevel import Server
 from mcp.shared.exceptions import MCPError
 from pydantic_core import to_json
 
-from physment_mcp.contract.last_read import read_after
 from physment_mcp.contract.names import GONE, VIEW, VIEW_URI
 from physment_mcp.errors import EpisodeGone, RefusedCall, SceneError, quoted
 from physment_mcp.serving import lab_app
@@ -26,8 +25,8 @@ from physment_mcp.serving.resources import FRESH_MS, ICON, MAX_URI, listed_resou
 from physment_mcp.serving.slot import FULL, EpisodeSlot
 from physment_mcp.serving.views import frame_with, recorded, view_with
 from physment_mcp.session import Session
-from physment_mcp.tools import TOOLS, Tool, tools_of
-from physment_mcp.tools.calls import MAX_NAME, call_async
+from physment_mcp.tools import TOOLS, Tool
+from physment_mcp.tools.calls import MAX_NAME, call_async, tools_of
 from physment_mcp.version import __version__
 
 logger = logging.getLogger(__name__)
@@ -129,14 +128,19 @@ class _Service:
             log, session = self._slot.log, self._slot.session
             if session is None or session.ended:
                 return await self._call(ctx, params)
-            started_at = time.monotonic()
-            try:
-                result = await self._call(ctx, params)
-            except BaseException:
-                log.add(params, None, started_at)
-                raise
-            log.add(params, result, started_at)
-            return result
+            viewed = params.name in lab_app.SHOWING and self._shows_app(ctx)
+            with recorded(session, params.name, params.arguments or {}) if viewed else nullcontext(()) as states:
+                started_at = time.monotonic()
+                try:
+                    result = await self._call(ctx, params)
+                except BaseException:
+                    log.add(params, None, started_at)
+                    raise
+                log.add(params, result, started_at)
+            if not viewed or result.is_error:
+                return result
+            view = await view_with(session, self._slot.visibility, states, log.readings())
+            return result if view is None else result.model_copy(update={"meta": {VIEW: view}})
 
     async def _call(self, ctx: ServerRequestContext[Any], params: types.CallToolRequestParams) -> types.CallToolResult:
         give_way, reported_at = self._slot.turns.giving_way(), -_REPORT_S
@@ -150,10 +154,8 @@ class _Service:
 
         try:
             session, arguments = self._slot.session or self._slot.open_session(), params.arguments or {}
-            viewed = params.name in lab_app.SHOWING and self._shows_app(ctx)
             only_answer = FULL if self._slot.log.full else ""
-            with recorded(session, params.name, arguments) if viewed else nullcontext(()) as states:
-                result = await call_async(session, params.name, arguments, report, only_answer)
+            result = await call_async(session, params.name, arguments, report, only_answer)
         except EpisodeGone as gone:
             return _error(str(gone), {GONE: True})
         except RefusedCall as refusal:
@@ -166,16 +168,10 @@ class _Service:
                 f"{params.name[:MAX_NAME]} failed inside the laboratory and was rolled back; try something else"
             )
         written = result.model_dump(mode="json")
-        self._slot.read = read_after(self._slot.read, params.name, arguments, written)
         content: list[types.ContentBlock] = [types.TextContent(type="text", text=to_json(written).decode())]
         if self._slot.frames is not None and params.name in SHOWING_TOOLS:
             content += await frame_with(self._slot.frames)
-        view = await view_with(session, self._slot.visibility, states, self._slot.read) if viewed else None
-        return types.CallToolResult(
-            content=content,
-            structured_content=written,
-            _meta=None if view is None else {VIEW: view},
-        )
+        return types.CallToolResult(content=content, structured_content=written)
 
     async def list_prompts(
         self, _ctx: ServerRequestContext[Any], _params: types.PaginatedRequestParams | None
@@ -267,9 +263,8 @@ class _Service:
         async with self._slot.turns.exclusive:
             if shows_app and uri == VIEW_URI:
                 session = self._slot.session
-                found = (
-                    None if session is None else await view_with(session, self._slot.visibility, (), self._slot.read)
-                )
+                read_so_far = self._slot.log.readings()
+                found = None if session is None else await view_with(session, self._slot.visibility, (), read_so_far)
                 return lab_app.view_page(found)
             try:
                 return read(self._slot, uri)

@@ -13,9 +13,9 @@ from functools import cached_property
 from typing import NamedTuple
 
 import mcp_types as types
-from pydantic_core import to_json
+from pydantic_core import from_json, to_json
 
-from physment_mcp.contract.last_read import Reading
+from physment_mcp.contract.last_read import Reading, read_after
 from physment_mcp.errors import EpisodeGone, EpisodeOver
 from physment_mcp.scene import Scene
 from physment_mcp.serving.frames import Frames
@@ -93,6 +93,9 @@ class CallLog:
     size: int = 0
     """Size of all arguments so far [bytes]."""
     opened_at: float = field(default_factory=time.monotonic)
+    _readings: Mapping[str, Reading] = field(default_factory=dict[str, Reading])
+    _read_calls: int = 0
+    """Number of calls whose results are in `_readings`."""
 
     @property
     def full(self) -> bool:
@@ -116,6 +119,18 @@ class CallLog:
         while first > 0 and (size := size + self.calls[first - 1].size) <= MAX_PAGE_BYTES:
             first -= 1
         return self.calls[first:]
+
+    def readings(self) -> Mapping[str, Reading]:
+        """Return the last reading of the place of each object that results of this episode named.
+
+        Only clients that show the app need it, so it is computed when they do, from the calls since the last time.
+        """
+        for call in self.calls[max(0, self._read_calls - self.left_out) :]:
+            if call.result is not None:
+                arguments, content = from_json(call.written), from_json(call.result)
+                self._readings = read_after(self._readings, call.tool, arguments, content)
+        self._read_calls = self.left_out + len(self.calls)
+        return self._readings
 
     def add(self, params: types.CallToolRequestParams, result: types.CallToolResult | None, started_at: float) -> None:
         """Record a call.
@@ -178,8 +193,6 @@ class EpisodeSlot:
         self.gone = gone
         self.turns = Turns(scheduler)
         self.log = CallLog()
-        self.read: Mapping[str, Reading] = {}
-        """Last reading of the place of each object that results of this episode named."""
         self.frames: Frames | None = None
         self._watch = watch
         self._find_visibility = find_visibility
@@ -212,7 +225,6 @@ class EpisodeSlot:
         self.session, self.frames = session, frames
         # With a limit, the log is the record of the episode for its owner, so it must be complete.
         self.log = CallLog(kept=KEPT_CALLS if session.max_calls is None else None)
-        self.read = {}
 
     def close(self, gone: str) -> None:
         """Release the episode: its model and state take a megabyte that the garbage collector does not count.
@@ -220,7 +232,7 @@ class EpisodeSlot:
         Args:
             gone: The reply to further calls, which says why the episode no longer exists.
         """
-        self.session, self.frames, self.gone, self.log, self.read = None, None, gone, CallLog(), {}
+        self.session, self.frames, self.gone, self.log = None, None, gone, CallLog()
 
     def open_session(self) -> Session:
         """Return the open episode.

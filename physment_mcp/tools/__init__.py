@@ -2,7 +2,6 @@
 
 from typing import Any
 
-from physment_mcp.session import Session
 from physment_mcp.tools.act import (
     APPLY_FORCE,
     APPLY_TORQUE,
@@ -22,7 +21,7 @@ from physment_mcp.tools.derive import (
     QUAT_TO_ROT_MATRIX,
 )
 from physment_mcp.tools.edit import ATTACH_OBJECTS, CREATE_OBJECTS, DELETE_OBJECTS, FIND_OBJECTS
-from physment_mcp.tools.episode import ANSWER, ANSWER_WITH_LAW, STEP
+from physment_mcp.tools.episode import ANSWER, STEP
 from physment_mcp.tools.observe import (
     GET_ACCELERATION,
     GET_CENTER_OF_MASS,
@@ -62,16 +61,4 @@ TOOLS: tuple[Tool[Any], ...] = (
     ANSWER,
 )
 
-_WITH_LAW = (*TOOLS[:-1], ANSWER_WITH_LAW)
-
-
-def tools_of(session: Session | None) -> tuple[Tool[Any], ...]:
-    """Return the tools of an episode. They are the same in all scenes, except that some ask for a law with the answer.
-
-    Args:
-        session: The episode; None if none is open.
-    """
-    return _WITH_LAW if session is not None and session.scene.public.law_answer else TOOLS
-
-
-__all__ = ["TOOLS", "Tool", "tools_of"]
+__all__ = ["TOOLS", "Tool"]

@@ -13,9 +13,9 @@ from pydantic import ValidationError
 
 from physment_mcp.errors import BadArgument, BeyondLimit, NotAvailable, Unstable, quoted
 from physment_mcp.session import Session
-from physment_mcp.tools import TOOLS, tools_of
+from physment_mcp.tools import TOOLS
 from physment_mcp.tools.base import Arguments, Pieces, Progress, Tool
-from physment_mcp.tools.episode import ANSWER
+from physment_mcp.tools.episode import ANSWER, ANSWER_WITH_LAW
 from physment_mcp.tools.results import Result
 
 ReportProgress = Callable[[float, float], Awaitable[float | None]]
@@ -44,6 +44,16 @@ _LONG = 2**64
 """Smallest integer whose digits are counted as text; JSON allows thousands of digits."""
 
 _BY_NAME = {tool.name: tool for tool in TOOLS}
+_WITH_LAW = (*TOOLS[:-1], ANSWER_WITH_LAW)
+
+
+def tools_of(session: Session | None) -> tuple[Tool[Any], ...]:
+    """Return the tools of an episode. They are the same in all scenes, except that some ask for a law with the answer.
+
+    Args:
+        session: The episode; None if none is open.
+    """
+    return _WITH_LAW if session is not None and session.scene.public.law_answer else TOOLS
 
 
 async def no_progress(_done: float, _total: float) -> None:

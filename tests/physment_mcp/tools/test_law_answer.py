@@ -12,8 +12,8 @@ from physment_mcp.serving.prompts import CallProtocol, PromptOptions, opening_pr
 from physment_mcp.serving.server import build_server, published_tools
 from physment_mcp.serving.slot import EpisodeSlot
 from physment_mcp.session import Session
-from physment_mcp.tools import TOOLS, tools_of
-from physment_mcp.tools.calls import call
+from physment_mcp.tools import TOOLS
+from physment_mcp.tools.calls import call, tools_of
 from scenes import one_world
 
 OPEN, SUITE, WORLD = 201, 29, one_world("world:5:1")

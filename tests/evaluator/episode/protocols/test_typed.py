@@ -12,7 +12,7 @@ from evaluator.records.episode import ToolCall
 from physment_mcp.scene import load_scene
 from physment_mcp.serving.server import published_tools
 from physment_mcp.session import Session
-from physment_mcp.tools import tools_of
+from physment_mcp.tools.calls import tools_of
 from tests.builders.records import call
 
 TOOLS = tuple(ToolDescription(tool.name, tool.description or "", tool.input_schema) for tool in published_tools())
