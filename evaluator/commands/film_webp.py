@@ -2,6 +2,7 @@
 
 import functools
 from collections.abc import Sequence
+from concurrent.futures.process import BrokenProcessPool
 from pathlib import Path
 from typing import NamedTuple
 
@@ -62,6 +63,8 @@ def write_animations(folder: RunFolder, episodes: Sequence[Episode], scenes_dir:
                 progress.advance(task)
     except NoRenderer as error:
         raise UsageError(str(error)) from error
+    except BrokenProcessPool as error:
+        raise UsageError("the graphics library crashed or was ended while it drew an animated image") from error
 
 
 def _name(key: EpisodeKey, record_sha256: str) -> str:
@@ -83,5 +86,5 @@ def _drawn(folder: Path, scenes_dir: Path | None, episode: Episode, record_sha25
         things, moments = animation_of(film, episode, title)
         content = moving_plate(things, moments, MOST_WEBP_BYTES)
     except (OSError, ValueError) as error:
-        return f"{described(key)} gives no animated image: {error}"
+        return f"{described(key)} gives no animated image: {' '.join(str(error).split())}"
     return _Image(content, len(moments), sum(moment.duration_ms for moment in moments) / 1000)

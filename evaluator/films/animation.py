@@ -49,8 +49,10 @@ def animation_of(film: Film, episode: Episode, title: str) -> Animation:
         title: The first line below the image.
 
     Raises:
-        ValueError: The film is damaged.
+        ValueError: The film is damaged, or shows other calls than the episode has.
     """
+    if [*map(len, film.calls)] != [len(turn.exchanges) for turn in episode.turns]:
+        raise ValueError("its film shows other calls")
     things = [_shown(drawing) for drawing in film.drawings]
     moments = list(_Frames(film, decoded(film), episode, title).moments())
     return Animation(things, _thinned(moments, MOST_FRAMES))

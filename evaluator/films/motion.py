@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from evaluator.report.film_record import Film
+from evaluator.report.film_record import FARTHEST_M, Film
 
 Array = NDArray[np.float64]
 
@@ -22,6 +22,8 @@ TURN = 1 / 2048
 _FINEST_M, _OF_SCENE, _OF_PART = 1e-6, 1e-4, 1e-2
 """Resolution of positions: lower limit [m], and fractions of the extent of the scene and of its smallest part."""
 _MICRO = 1e6
+_LARGEST = 2**53
+"""Largest magnitude of a decoded integer, up to which floats are exact."""
 
 
 class Instant(NamedTuple):
@@ -156,17 +158,20 @@ def decoded(film: Film) -> Motion:
     """Decode the motion of a film.
 
     Raises:
-        ValueError: Its data are too short or too long.
+        ValueError: Its data are too short or too long, or a number is too large.
     """
     data = iter(base64.b64decode(film.data))
     try:
         times = np.array(_values(data, film.count)) / _MICRO
         units = np.array([film.step] * 3 + [film.turn] * 4)
-        poses = {name: units * np.array([_values(data, film.count) for _ in range(7)]).T for name in film.bodies}
+        with np.errstate(over="ignore"):  # what is infinite is refused below
+            poses = {name: units * np.array([_values(data, film.count) for _ in range(7)]).T for name in film.bodies}
     except StopIteration:
         raise ValueError("its motion ends too early") from None
     if next(data, None) is not None:
         raise ValueError("its motion has too many numbers")
+    if any(not np.all(np.abs(found) <= FARTHEST_M) for found in (times, *poses.values())):
+        raise ValueError("its motion leads too far")
     return Motion(times, poses)
 
 
@@ -183,6 +188,8 @@ def _values(data: Iterator[int], count: int) -> list[int]:
         else:
             difference = -(written + 1) // 2 if written % 2 else written // 2
         before, last = last, difference + (2 * last - before if place > 1 else last)
+        if abs(last) > _LARGEST:
+            raise ValueError("its motion has too large a number")
         values.append(last)
     return values
 
@@ -195,3 +202,5 @@ def _next_base128(data: Iterator[int]) -> int:
         shift += 7
         if byte < 128:
             return value
+        if value > 4 * _LARGEST:
+            raise ValueError("its motion has too large a number")

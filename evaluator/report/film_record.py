@@ -7,6 +7,7 @@ the record and serialises it again.
 
 import base64
 import binascii
+import math
 from collections import Counter
 from collections.abc import Iterator
 from itertools import pairwise
@@ -20,25 +21,39 @@ MOST_BYTES = 16_000_000
 """Largest size of a film [bytes]."""
 MOST_NUMBERS = 16_000_000
 """Largest number of values in a film: one time for each instant, and seven values for each body at each instant."""
+MOST_PARTS, MOST_COURSES = 500, 100
+"""Largest number of shapes that a film ever draws, and of cords, springs, rods, rails and pulleys of a drawing."""
+FARTHEST_M = 1e10
+"""Largest length and coordinate [m]: what the engine accepts."""
 
 _BEGIN, _END = b"physmentFilm(", b");\n"
 _Share = Annotated[float, Field(ge=0, le=1)]
-_Triple = tuple[float, float, float]
+_Length = Annotated[float, Field(ge=0, le=FARTHEST_M)]
+_Coordinate = Annotated[float, Field(ge=-FARTHEST_M, le=FARTHEST_M)]
+_Place = tuple[_Coordinate, _Coordinate, _Coordinate]
 _Quaternion = tuple[float, float, float, float]
 _Index = Annotated[int, Field(ge=0)]
 _Step = Annotated[float, Field(gt=0)]
 _Name = Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_-]{0,63}$")]
+_SIZES = {"sphere": 1, "capsule": 2, "cylinder": 2, "box": 3, "ellipsoid": 3, "plane": 0}
+"""Shape → number of its sizes that must be positive."""
 
 
 class DrawnPart(Record):
     """A shape in the frame of its body."""
 
     shape: Literal["sphere", "box", "capsule", "cylinder", "ellipsoid", "plane"]
-    size: _Triple
+    size: tuple[_Length, _Length, _Length]
     """Radius and half lengths [m]; 0 for the endless directions of a plane."""
-    pos: _Triple
+    pos: _Place
     quat: _Quaternion
     rgba: tuple[_Share, _Share, _Share, _Share]
+
+    @model_validator(mode="after")
+    def _can_be_drawn(self) -> Self:
+        if not all(self.size[: _SIZES[self.shape]]) or not math.isclose(math.hypot(*self.quat), 1, abs_tol=0.01):
+            raise ValueError("a shape has no size or no orientation")
+        return self
 
 
 class DrawnBody(Record):
@@ -60,7 +75,7 @@ class DrawnCourse(Record):
     """A cord, spring, rod, rail or pulley that the task describes, and that is not a body of the model."""
 
     kind: Literal["cord", "spring", "rod", "rail", "pulley"]
-    points: Annotated[tuple[_Name | _Triple, ...], Field(min_length=1, max_length=100)]
+    points: Annotated[tuple[_Name | _Place, ...], Field(min_length=1, max_length=100)]
     """Ends of the part: an object for its centre, or a position [m]."""
 
 
@@ -68,13 +83,15 @@ class Drawing(Record):
     """All bodies that are visible at the same time."""
 
     bodies: tuple[DrawnBody, ...]
-    schematic: tuple[DrawnCourse, ...] = Field(default=(), exclude_if=is_absent)
+    schematic: Annotated[tuple[DrawnCourse, ...], Field(max_length=MOST_COURSES)] = Field(
+        default=(), exclude_if=is_absent
+    )
 
 
 class PlaceRead(Record):
     """Position of an object as last returned by a call."""
 
-    position: _Triple
+    position: _Place
     angle: float | None = Field(default=None, exclude_if=lambda angle: angle is None)
     """About its joint [rad]; absent if it was not returned."""
     time: float
@@ -108,16 +125,24 @@ class Film(Record):
 
     @model_validator(mode="after")
     def _is_whole(self) -> Self:
-        faults = list(self._faults())
+        faults = [*self._faults_of_size(), *self._faults_of_order(), *self._faults_of_things()]
         if faults:
             raise ValueError(faults[0])
         return self
 
-    def _faults(self) -> Iterator[str]:
+    def _faults_of_size(self) -> Iterator[str]:
         if self.count * (1 + 7 * len(self.bodies)) > MOST_NUMBERS:
             yield f"it holds more than {MOST_NUMBERS} numbers"
+        bodies = [body for drawing in self.drawings for body in drawing.bodies]
+        shapes = {(body.id, number) for body in bodies for number in range(len(body.parts))}
+        if len(shapes) > MOST_PARTS or any(len(read_all) > MOST_PARTS for _, read_all in self.read):
+            yield f"it shows more than {MOST_PARTS} things"
+
+    def _faults_of_order(self) -> Iterator[str]:
         if any(instant >= self.count for turn in self.calls for instant in turn):
             yield "a call returned after its end"
+        if any(a > b for a, b in pairwise(instant for turn in self.calls for instant in turn)):
+            yield "its calls are in no order"
         changes = [call for call, _ in self.read]
         if any(a >= b for a, b in pairwise([*changes, sum(map(len, self.calls))])):
             yield "its readings are in no order"
@@ -126,6 +151,8 @@ class Film(Record):
             yield "its cuts are in no order"
         if any(drawing >= len(self.drawings) for _, drawing in self.cuts):
             yield "a cut shows a drawing that is not there"
+
+    def _faults_of_things(self) -> Iterator[str]:
         drawn = [Counter(body.id for body in drawing.bodies) for drawing in self.drawings]
         objects = {body.id for drawing in self.drawings for body in drawing.bodies if body.object}
         if any(times > 1 for ids in (*drawn, Counter(self.bodies)) for times in ids.values()):

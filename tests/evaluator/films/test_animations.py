@@ -75,6 +75,13 @@ def test_every_call_is_a_frame_and_time_passes_between_in_equal_steps(run: RunFo
     assert ["ball" in moment.poses for moment in moments] == [moment.shown == 1 for moment in moments]
 
 
+def test_a_film_of_other_calls_is_refused(run: RunFolder) -> None:
+    film, played = film_of(run, FALL_KEY), run.episodes()[FALL_KEY]
+    for calls in (film.calls[:-1], (film.calls[0][:-1], *film.calls[1:])):
+        with pytest.raises(ValueError, match="its film shows other calls"):
+            animation_of(film.model_copy(update={"calls": calls}), played, "title")
+
+
 def test_an_object_that_is_not_watched_is_where_it_was_read_last(run: RunFolder) -> None:
     moments = moments_of(run, UNSEEN_KEY)
     episode = run.episodes()[UNSEEN_KEY]

@@ -77,6 +77,30 @@ def test_motion_is_decoded_as_in_the_browser_and_damage_is_refused(run: RunFolde
         )
 
 
+def number(value: int) -> bytes:
+    """Encode a positive integer as the motion of a film does."""
+    digits = [value * 2 >> shift & 127 | 128 for shift in range(0, (value * 2).bit_length(), 7)]
+    return bytes([*digits[:-1], digits[-1] & 127])
+
+
+@pytest.mark.parametrize(
+    ("change", "sentence"),
+    [
+        ({"data": number(10**400)}, "too large a number"),
+        ({"data": number(2**70_000)}, "too large a number"),
+        ({"data": number(2**52) * 2}, "too large a number"),
+        ({"data": number(2**52), "step": 1e300, "count": 1}, "leads too far"),
+        ({"data": number(2**52), "turn": 1e308, "count": 1}, "leads too far"),
+    ],
+)
+def test_a_motion_of_monstrous_numbers_is_refused(run: RunFolder, change: dict[str, Any], sentence: str) -> None:
+    film = Film.model_validate(read_film(run, FALL_KEY)).model_copy(update={"bodies": ("object_1",), "count": 3})
+    numbers = change["data"] * 8
+    change = {**change, "data": base64.b64encode(numbers).decode()}
+    with pytest.raises(ValueError, match=sentence):
+        motion.decoded(film.model_copy(update=change))
+
+
 def test_a_film_says_when_things_come_and_go(run: RunFolder) -> None:
     film = read_film(run, FALL_KEY)
     (made,), (_, deleted, _) = film["calls"][2:]

@@ -51,6 +51,20 @@ def put(text: str, instead: str) -> Callable[[str], str]:
     return spoil
 
 
+def again(pattern: str, instead: str) -> Callable[[str], str]:
+    """Return a function that replaces the first match of a pattern, which must be present."""
+
+    def spoil(film: str) -> str:
+        spoiled, count = re.subn(pattern, instead, film, count=1)
+        assert count == 1
+        assert spoiled != film
+        return spoiled
+
+    return spoil
+
+
+GROUP = r"\1"
+COURSE = '{"kind":"rod","points":[[0,0,0],[1,0,0]]}'
 FIRST = '{"format":1'
 ATTACKS: dict[str, Callable[[str], str]] = {
     "another script": lambda _: f"{PWNED};\n",
@@ -81,6 +95,14 @@ ATTACKS: dict[str, Callable[[str], str]] = {
     "more instants than a browser has memory for": lambda film: re.sub(r'"count":\d+', '"count":3000000', film),
     "an endless step": lambda film: re.sub(r'"step":[^,]+', '"step":1e999', film),
     "a shape that is none": put('"shape":"sphere"', '"shape":"<img src=x onerror=alert(1)>"'),
+    "a shape without a size": again(r'"size":\[[^]]*\]', '"size":[0,0,0]'),
+    "a shape without an orientation": again(r'"quat":\[[^]]*\]', '"quat":[0,0,0,0]'),
+    "a negative size": again(r'"size":\[[^]]*\]', '"size":[-1,-1,-1]'),
+    "a size of no number": again(r'"size":\[[^]]*\]', '"size":[NaN,NaN,NaN]'),
+    "a shape farther than the engine knows": again(r'"pos":\[[^]]*\]', '"pos":[1e300,0,0]'),
+    "more shapes than can be drawn": again(r'"parts":\[(\{.*?\})\]', rf'"parts":[{",".join([GROUP] * 501)}]'),
+    "calls that return before the ones before them": again(r'"calls":\[\[\d+\],\[\d+\]', '"calls":[[20],[3]'),
+    "more courses than can be drawn": put('"bodies":[{', f'"schematic":[{",".join([COURSE] * 101)}],"bodies":[{{'),
     "no base64": put('"data":"', '"data":"*'),
     "a deep record": lambda _: f"physmentFilm({'[' * 100_000});\n",
     "a hash of another record": lambda film: re.sub(r'"[0-9a-f]{64}"', f'"{"0" * 64}"', film),
