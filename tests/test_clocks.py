@@ -30,8 +30,10 @@ STAMPS = {
     "evaluator/commands/challenge_people.py": {"agreed"},
     "evaluator/commands/challenge_session.py": {"_start_clock"},
 }
-"""Module → functions that read the wall clock, each for a stamp: a beginning, an expiry, a name of a folder, or
-how long ago a stamp was, for a page or after a restart."""
+"""Module → functions that may read the wall clock.
+
+Each needs it for a timestamp: a start time, an expiry time, the name of a folder, or the age of a timestamp.
+"""
 WALL = {"time.time", "time.time_ns", "time.localtime", "time.gmtime", "time.ctime", "time.strftime", "datetime.now",
         "datetime.utcnow", "datetime.today", "date.today"}  # fmt: skip
 
@@ -50,7 +52,10 @@ class Jumping(present):
 
 datetime.datetime = Jumping
 """
-"""Run by every Python process of a run at its start: the wall clock is an hour off, forward and back, at each look."""
+"""Code that every Python process of a run executes at its start.
+
+It makes each reading of the wall clock an hour wrong, alternately forward and back.
+"""
 
 
 def readings(tree: ast.AST, function: str = "") -> Iterator[tuple[str, str]]:

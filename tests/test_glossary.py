@@ -11,7 +11,7 @@ from tests.builders.paths import DOCS, ROOT
 
 GLOSSARY = DOCS / "reference" / "glossary.md"
 EMPTY_WORDS = {"manager", "helper", "helpers", "handler", "util", "utils", "info"}
-"""Words that say nothing in a name."""
+"""Words that add no meaning to a name."""
 BOTH_SIDES = {"Commands", "ToolDescription", "UsageError"}
 """Classes that the laboratory and the evaluator each have, because neither may import the other."""
 

@@ -36,14 +36,14 @@ class CallResult:
     """What a call returned."""
 
     text: str
-    """For the model: the result as JSON, or why the call was refused."""
+    """Text for the model: the result as JSON, or the reason of a refusal."""
     content: dict[str, Any] | None
     """The result as data; None if the call was refused."""
     is_error: bool
 
 
 def request_of(player_token: str, tool: str, arguments: dict[str, Any]) -> tuple[dict[str, str], bytes]:
-    """The headers and the body of the POST that makes a call."""
+    """Return the headers and the body of the HTTP request (POST) for a tool call."""
     headers = {
         "Authorization": f"Bearer {player_token}",
         "Content-Type": "application/json",
@@ -57,7 +57,7 @@ def request_of(player_token: str, tool: str, arguments: dict[str, Any]) -> tuple
 
 
 def _header_value(name: str) -> str:
-    """A name as MCP writes it into a header: in base64 if it is not plain ASCII."""
+    """Encode a name for an MCP header: unchanged if it is plain ASCII, otherwise in base64."""
     if name.isascii() and name.isprintable() and name == name.strip() and not name.startswith("=?"):
         return name
     return f"=?base64?{base64.b64encode(name.encode(errors='replace')).decode()}?="
@@ -90,7 +90,7 @@ def result_of(status: int, body: bytes) -> CallResult:
 
 
 class Laboratory:
-    """Calls of one episode over one connection that is kept. Not for several threads at once."""
+    """Makes the calls of one episode over a persistent connection. Not thread-safe."""
 
     def __init__(self, mcp_url: str, player_token: str) -> None:
         """Prepare; the first call connects.

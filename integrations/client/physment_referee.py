@@ -45,14 +45,14 @@ class OpenedEpisode:
 
     episode_id: str
     owner_token: str = field(repr=False)
-    """Asks for the reward. Never for the agent."""
+    """Token for requesting the reward. The agent must not receive it."""
     mcp_url: str
     """Address for the agent's calls."""
     player_token: str = field(repr=False)
     """The bearer token of these calls."""
     prompt: str
     tools: tuple[dict[str, Any], ...] = field(repr=False)
-    """Each with `name`, `description` and `input_schema`."""
+    """Descriptions of the tools, each with `name`, `description` and `input_schema`."""
     budget: int
     """Iterations that the prompt names."""
     scene: int
@@ -61,7 +61,7 @@ class OpenedEpisode:
     split: str | None = None
     """Name and version of the split that it was taken from, such as `train@1`."""
     index: int | None = None
-    """Its place in the split: what a request may name to get the same variant again."""
+    """Its index in the split, with which a later request gets the same variant."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,7 +83,7 @@ class Reward:
     cost: float = 0.0
     """Deduction for iterations and calls."""
     shaping: tuple[float, ...] | None = None
-    """How much each call lowered the error bound; None without `referee --shaping`. Not for the agent."""
+    """How much each call lowered the error bound of the answer; None without `referee --shaping`. Not for the agent."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,7 +92,7 @@ class Referee:
 
     url: str = URL
     token: str | None = field(default=None, repr=False)
-    """Required to open episodes; None if anybody on its machine may."""
+    """Bearer token for opening episodes; None if any program on the referee's machine may open them."""
     timeout_s: float = 120.0
 
     @classmethod
@@ -154,7 +154,7 @@ class Referee:
         return self._ask("GET", f"/curricula/{name}", None, self.token)
 
     def reset_curriculum(self, name: str) -> None:
-        """Forget a curriculum, which then begins at the easiest step.
+        """Reset a curriculum to its easiest step.
 
         Raises:
             RefereeError: The referee refused, or cannot be reached.

@@ -20,11 +20,13 @@ PUBLIC: dict[str, bool] = dict.fromkeys(
 
 
 def fingerprint(session: Session) -> tuple[Any, ...]:
-    """Return everything that a refused call must not change: the session state and the bytes of the world state."""
+    """Return a fingerprint of everything that a refused call must not change: the session state and the bytes of the
+    world state.
+    """
     world = session.world.save()
     return (
         session.state,
-        dict(session.state.objects),  # a copy, so that a change in place shows too
+        dict(session.state.objects),  # a copy, so that in-place changes are detected, too
         id(world.spec),
         id(world.model),
         id(world.data),

@@ -87,7 +87,7 @@ class Page:
                 self._note(json.loads(self._socket.recv(timeout=300)))
 
     def run(self, script: str) -> Any:
-        """The value of an expression in the page."""
+        """Evaluate a JavaScript expression in the page and return its value."""
         found = self.send("Runtime.evaluate", expression=script, awaitPromise=True, returnByValue=True)
         assert "exceptionDetails" not in found, found
         return found["result"].get("value")

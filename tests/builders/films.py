@@ -1,4 +1,4 @@
-"""Plays runs in this process, of which films are then made, and reads the contents of films."""
+"""Helpers for tests of films: they play runs in this process, and parse film files."""
 
 import base64
 import json

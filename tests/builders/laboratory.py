@@ -1,4 +1,4 @@
-"""A small pack with an object of every kind, a client together with its session, and the types of their fixtures."""
+"""A small pack that contains an object of every kind, and types of the fixtures that open it with a client."""
 
 from collections.abc import Callable
 from contextlib import AbstractAsyncContextManager
@@ -73,7 +73,7 @@ def pack_of_all_kinds() -> dict[str, Any]:
 
 @dataclass
 class Lab:
-    """A client, and the session it talks to."""
+    """A client in memory, and the session of its server."""
 
     client: Client
     session: Session

@@ -7,4 +7,4 @@ ROOT = Path(__file__).parents[2]
 TESTS = ROOT / "tests"
 DOCS = ROOT / "docs"
 ORIGINAL = Path(os.environ.get("PHYSMENT_ORIGINAL", ROOT.parent / "shared" / "physment-original"))
-"""Packs and logs of the published prototype; tests marked `published` are skipped where they are absent."""
+"""Folder with packs and logs of the published prototype; tests marked `published` are skipped where it is missing."""

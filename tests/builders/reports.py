@@ -1,4 +1,4 @@
-"""Small runs for the tests of the report, with every kind of event that its notebook pages show."""
+"""Small runs for tests of the report. They contain every kind of event that a notebook shows."""
 
 from evaluator.records.episode import Exchange, Usage
 from evaluator.records.run import Plan, RunRecord, ServerRecord

@@ -1,4 +1,4 @@
-"""Builds scored episodes: the scores and the grounding are computed, the grade and the failures are chosen."""
+"""Builds scored episodes with chosen grades and failures; scores and grounding are computed as in production."""
 
 from pydantic import JsonValue
 

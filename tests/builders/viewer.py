@@ -29,7 +29,7 @@ def bundled(source: str) -> str:
 
 
 def page_with(script: str, folder: Path) -> Path:
-    """A page that only runs a script."""
+    """Write an HTML page that only runs a script; return its path."""
     file = folder / "page.html"
     file.write_text(f'<!doctype html><meta charset="utf-8"><body><script>{script}</script>', encoding="utf-8")
     return file

@@ -1,9 +1,10 @@
-"""Is the reference right on seeds that nobody chose? They follow from the hash of each pack: a changed one has others.
+"""Measures how often the reference agent is right on seeds that nobody chose: they follow from the hash of each pack.
 
-Plays the reference in memory: the first seed of every scene, then the second, and so on. `--out` keeps each verdict, so
-an interrupted run continues. `fresh_seeds.json` beside this module is the committed summary: for each scene the hash of
-its pack, how many of its seeds were played, and at which the reference was wrong. A pack that has not changed since is
-not played again. `evaluator.certify.seed_proofs` demands more of a seed before it is played:
+The agent plays in memory: the first seed of every scene, then the second, and so on. `--out` stores each verdict, so an
+interrupted run can continue. `fresh_seeds.json` beside this module is the committed summary: for each scene the hash of
+its pack, the number of its seeds that were played, and the seeds at which the agent was wrong. Unchanged packs are not
+played again. The checks that a run makes before it plays a seed (`evaluator.certify.seed_proofs`) are stricter.
+
 python -m tests.harness.fresh_seeds [--scenes SEL] [--count N] [--workers N] [--out FILE]
 """
 
@@ -30,7 +31,10 @@ from tests.builders.paths import ROOT
 
 
 def seeds_of(pack: str, count: int) -> list[int]:
-    """Return the seeds that follow from the hash of a pack. They start at 1000: no smaller one is independent."""
+    """Return seeds computed from the hash of a pack.
+
+    They start at 1000, because smaller seeds are used by certificates and splits.
+    """
     digests = (hashlib.sha256(f"{pack}:{number}".encode()).digest() for number in range(count))
     return [1000 + int.from_bytes(digest[:4], "big") for digest in digests]
 
@@ -46,7 +50,7 @@ def verdict(files: PackFiles, seed: int) -> dict[str, object]:
 
 
 async def play(jobs: Iterable[tuple[PackFiles, int]], workers: int, out: Path) -> None:
-    """Play in parallel processes; every verdict is on disk as soon as it is there."""
+    """Play in parallel processes, and append each verdict to a file as soon as it is known."""
 
     def done(_job: tuple[PackFiles, int], found: dict[str, object]) -> None:
         append_line(out, json.dumps(found).encode())

@@ -1,21 +1,22 @@
-"""Draw random docstrings and paragraphs, which a person who never saw the project reads for clarity.
+"""Draws random docstrings and paragraphs. A person who does not know the project then judges whether they are clear.
 
-The hash of the last commit is the seed, and a salt gives other texts of the same commit:
+The random seed is the hash of the last commit and a salt; another salt draws other texts of the same commit.
+
 python -m tests.harness.reading_sample [COUNT] [SALT]
 """
 
+import argparse
 import ast
 import random
 import re
 import subprocess
-import sys
 from collections.abc import Iterator
 from pathlib import Path
 
 from tests.builders.paths import ROOT
 
 SHORTEST_WORDS = 8
-"""Shorter texts say too little to be judged."""
+"""Texts with fewer words are not drawn, because there is too little to judge."""
 
 GENERATED = ("docs/reference/scenes", "docs/reference/tools.md", "docs/reference/cli.md", "docs/reference/api.md")
 
@@ -42,7 +43,7 @@ def paragraphs(page: str) -> Iterator[str]:
 
 
 def texts() -> list[tuple[str, str]]:
-    """Place and text of everything that may be drawn."""
+    """Return file path and text of every docstring and paragraph that may be drawn."""
     code = [path for path in tracked("*.py") if not re.match(r"scenes/(Scene\d+|templates)/", path.as_posix())]
     pages = [path for path in tracked("*.md") if not path.as_posix().startswith(GENERATED)]
     found = [(path, text) for path in code for text in docstrings((ROOT / path).read_text(encoding="utf-8"))]
@@ -52,9 +53,12 @@ def texts() -> list[tuple[str, str]]:
 
 def main() -> None:
     """Print the drawn texts, numbered."""
-    count, salt = int(sys.argv[1]) if len(sys.argv) > 1 else 30, sys.argv[2] if len(sys.argv) > 2 else ""
+    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0] if __doc__ else None)
+    parser.add_argument("count", nargs="?", type=int, default=30, help="number of texts (default: 30)")
+    parser.add_argument("salt", nargs="?", default="", help="added to the seed")
+    options = parser.parse_args()
     head = subprocess.run(["git", "rev-parse", "HEAD"], cwd=ROOT, capture_output=True, text=True, check=True)
-    drawn = random.Random(head.stdout.strip() + salt).sample(texts(), count)
+    drawn = random.Random(head.stdout.strip() + options.salt).sample(texts(), options.count)
     for number, (place, text) in enumerate(drawn, start=1):
         print(f"{number}. {place}\n\n{text}\n")
 

@@ -1,11 +1,11 @@
-"""Does every scene order the synthetic takers? Plays them into a run folder, and lists the scenes that do not.
+"""Checks that every scene ranks the synthetic takers by ability: plays them, and lists the scenes that do not.
 
     python -m tests.harness.takers                                   30 takers × 105 scenes × 3 seeds: many hours
     python -m tests.harness.takers --scenes 7-20 --seeds 0-1 --takers none,noise-4,calls-12 --out build/sample
 
-An interrupted run continues. `physment-eval calibrate` takes the same folder. Of two takers, one is milder if none of
-its handicaps is larger. A scene does not order them if the milder one is right less often, by more than half of the
-seeds.
+An interrupted run can continue. `physment-eval calibrate` accepts the same folder. Of two takers, one is milder if none
+of its handicaps is larger than the other's. A scene fails if the milder one is right less often, by more than half of
+the seeds.
 """
 
 import argparse
@@ -31,7 +31,7 @@ class Inversion(NamedTuple):
     milder: str
     severer: str
     excess: int
-    """By how many answers."""
+    """Difference of their numbers of right answers."""
 
 
 def inversions(right: Right, seeds: int) -> Iterator[Inversion]:
@@ -59,7 +59,7 @@ def counted(folder: RunFolder, takers: Sequence[str]) -> tuple[Right, int]:
 
 
 def report(right: Right, seeds: int) -> Iterator[str]:
-    """Yield the lines of the report: each taker's share, then the scenes that do not order them."""
+    """Yield the lines of the report: each taker's share of right answers, then the scenes that rank takers wrongly."""
     scenes, takers = list(dict.fromkeys(scene for scene, _ in right)), list(dict.fromkeys(name for _, name in right))
     for taker in takers:
         yield f"{taker:24} {_mean(right[scene, taker] / seeds for scene in scenes):.3f}"

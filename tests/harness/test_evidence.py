@@ -1,4 +1,4 @@
-"""The comparison of errors with bounds: what it prints, and which stored episodes it uses again."""
+"""Tests of `tests.harness.evidence`: the printed comparison of errors with bounds, and the reuse of stored episodes."""
 
 import json
 from pathlib import Path

@@ -1,4 +1,6 @@
-"""The calls that the integrations share: one POST each, the same results as through an MCP client, no lost episode."""
+"""Tests of the client that the integrations share: one POST per call, the same results as an MCP client, no lost
+episode.
+"""
 
 import json
 import math
@@ -19,13 +21,13 @@ WebServer = Callable[[int, bytes], AbstractContextManager[str]]
 
 @pytest.fixture
 def opened(host_url: str) -> dict[str, Any]:
-    """An episode that only its player may call."""
+    """Open an episode that requires a player token; return the host's reply."""
     return httpx.post(f"{host_url}/episodes", json={"scene": 7, "seed": 3, "guarded": True, "max_calls": 100}).json()
 
 
 @pytest.fixture
 def laboratory(opened: dict[str, Any]) -> Generator[Any]:
-    """Its player's connection."""
+    """Yield the client's connection to this episode, with its player token."""
     with closing(laboratory_client().Laboratory(opened["mcp_url"], opened["player_token"])) as connected:
         yield connected
 

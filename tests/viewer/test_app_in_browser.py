@@ -1,4 +1,6 @@
-"""The app in a page that hosts it by the official bridge, in headless Chromium: it is seen, it plays, it is alone."""
+"""Tests of the chat app in headless Chromium, in a page that hosts it by the official bridge: visible, playing,
+isolated.
+"""
 
 import json
 from collections.abc import Callable, Iterator
@@ -41,7 +43,7 @@ def browser(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Page]:
 
 
 async def _results() -> tuple[str, dict[str, Any], dict[str, Any], str]:
-    """The app, the result of a step, a refusal, and what may be seen after them, as a client gets them."""
+    """Return the app, the result of a step, a refusal, and the view after them, as a client receives them."""
     slot = EpisodeSlot(Session(load_scene(7)), find_visibility=cached_visibility(None))
     async with app_client(build_server(slot)) as client:
         page = (await client.read_resource(lab_app.APP_URI)).contents[0]
@@ -73,7 +75,7 @@ def test_the_app_shows_the_scene_plays_the_step_and_asks_nobody(host: Path, brow
     assert (told["drawn"], told["flat"]) == (1, browser.flat)  # type: ignore[attr-defined]
     light = seen(browser, shot, lambda picture: red(picture) > 200)
     assert any(plays(browser, step, shot) for _ in range(5))
-    # After a refusal the app asks what may be seen now, and shows the sentence.
+    # After a refusal the app reads the current view and shows the error message.
     browser.run(f"host.give({json.dumps(refused)})")
     browser.wait("host.said.filter((one) => one.read === 'physment://view').length === 2")
     browser.run("host.dress('dark')")
@@ -84,7 +86,7 @@ def test_the_app_shows_the_scene_plays_the_step_and_asks_nobody(host: Path, brow
 
 
 def seen(browser: Page, shot: Path, holds: Callable[[np.ndarray], bool]) -> np.ndarray:
-    """The picture as soon as something holds of it: the browser paints a little later than the page draws."""
+    """Take screenshots until one meets a condition, because the browser paints some time after the page draws."""
     for _ in range(100):
         if holds(picture := pixels(browser, shot)):
             return picture
@@ -92,7 +94,7 @@ def seen(browser: Page, shot: Path, holds: Callable[[np.ndarray], bool]) -> np.n
 
 
 def plays(browser: Page, step: dict[str, Any], shot: Path) -> bool:
-    """Whether pictures differ while a step is played, which a slow machine may look at too late."""
+    """Whether screenshots differ while a step is played; a slow machine may take them too late."""
     browser.run(f"host.give({json.dumps(step)})")
     first, *others = [pixels(browser, shot) for _ in range(4)]
     return any(np.abs(one - first).max() > 60 for one in others)

@@ -1,4 +1,6 @@
-"""The committed files are what the sources build, and the lock of node's packages names no host."""
+"""Tests that the committed bundles equal a new build of the sources, and that the lock of node's packages names no
+host.
+"""
 
 import re
 from pathlib import Path

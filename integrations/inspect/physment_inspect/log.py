@@ -90,7 +90,10 @@ def _log(run: RunRecord, agent: str, pairs: Graded) -> log.EvalLog:
 
 
 def _results(pairs: Graded) -> log.EvalResults:
-    """Return the means that Inspect shows, without episodes with an infrastructure error, as in `summary.json`."""
+    """Return the mean scores that Inspect displays.
+
+    As in `summary.json`, episodes with an infrastructure error are excluded.
+    """
     scored = [record.grade for _, record in pairs if record.grade.strict is not Verdict.UNSCORED]
     values = {
         "strict": [float(grade.strict is Verdict.CORRECT) for grade in scored],

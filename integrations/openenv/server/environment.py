@@ -96,7 +96,7 @@ class PhysmentEnvironment(Environment[PhysmentAction, PhysmentObservation, Physm
         return observation
 
     def _end(self, observation: PhysmentObservation) -> None:
-        """Put the reward into the last observation."""
+        """Request the reward and add it to the last observation of the episode."""
         assert self._opened is not None
         assert self._laboratory is not None
         self._laboratory.close()

@@ -13,7 +13,7 @@ from physment_trl.methods import TOOLS, method_of
 _LOG = logging.getLogger("physment_trl")
 
 CLOSED = "The episode has ended: your answer was accepted, and no call is run any more. Reply without a call."
-"""What every tool returns after an accepted answer. TRL generates until a reply holds no call."""
+"""Result of every tool after an accepted answer. TRL continues to generate until a reply contains no call."""
 
 
 class EpisodeLost(Exception):
@@ -21,7 +21,7 @@ class EpisodeLost(Exception):
 
 
 class OpenEpisode(Protocol):
-    """An episode that is being played."""
+    """Interface of an open episode: call tools, get the reward, close."""
 
     prompt: str
 
@@ -112,10 +112,10 @@ class LaboratoryEnvironment:
         raise NotImplementedError
 
     def _call(self, tool: str, arguments: dict[str, Any]) -> str:
-        """Call a tool; returns what the model reads.
+        """Call a tool and return the text for the model.
 
         Raises:
-            EpisodeLost: No episode is open, or it failed. TRL goes on, and the rollout has no reward.
+            EpisodeLost: No episode is open, or it failed. TRL continues, and the rollout has no reward.
         """
         if self._answered:
             return CLOSED
@@ -134,7 +134,7 @@ class LaboratoryEnvironment:
         return text
 
     def _settle(self) -> None:
-        """Request the reward, and give up the episode."""
+        """Request the reward and store it; the episode is then closed."""
         episode, self._episode = self._episode, None
         assert episode is not None
         try:
@@ -153,7 +153,7 @@ for _tool in TOOLS:
 
 
 def rows(**selection: Any) -> list[dict[str, Any]]:
-    """Rows of a dataset for `GRPOTrainer`, each with an empty prompt, to which `reset` adds that of the laboratory.
+    """Return rows of a dataset for `GRPOTrainer`. Their prompts are empty; `reset` adds the laboratory's prompt.
 
     Args:
         selection: As for `physment_referee.read_variants`, such as `split="train", random_seeds="1-1000"`.

@@ -1,7 +1,7 @@
-"""Makes a typed method of each tool from its JSON schema, because TRL reads tools from signatures and docstrings.
+"""Creates a typed method for each tool from its JSON schema, because TRL reads tools from signatures and docstrings.
 
-`tools.json` is a copy of the laboratory's tools. Bounds of numbers and lengths of lists have no place in a signature;
-the laboratory checks them.
+`tools.json` is a copy of the laboratory's tools. Signatures cannot express bounds of numbers and lengths of lists; the
+laboratory checks them.
 """
 
 import inspect
@@ -19,7 +19,7 @@ TOOLS: tuple[dict[str, Any], ...] = tuple(json.loads(files(__package__).joinpath
 
 
 def method_of(tool: dict[str, Any]) -> Callable[..., str]:
-    """A method that passes its arguments to `_call` of its object, with the signature and docstring of a tool."""
+    """Create a method with the signature and docstring of a tool, which passes its arguments to `_call`."""
     name, schema = tool["name"], tool["input_schema"]
     properties, required = schema["properties"], schema.get("required", ())
 

@@ -1,4 +1,6 @@
-"""Other presentations: the reference is right under each, and an agent meets the same readings under other names."""
+"""Tests of presentations: the reference agent is right under each, and an agent gets the same readings under other
+names.
+"""
 
 import json
 import re
@@ -27,13 +29,13 @@ from tests.builders.records import VERSIONS, episode_key
 from tests.harness.clients.playing import canonical, exchanges_of
 
 SCENES = (7, 16, 21, 23, 58, 71, 104)
-"""One or several objects, answers that are numbers and objects, hidden and created objects, joined objects."""
+"""Scenes with one and several objects, numeric and object answers, and hidden, created and joined objects."""
 SETS = [subset for size in (1, 3) for subset in combinations((Change.PARAPHRASE, Change.NAMES, Change.ORDER), size)]
 
 
 @dataclass
 class Overheard:
-    """Wraps an agent and keeps what it is told, shown and says."""
+    """Wraps an agent and records its briefings, its feedback and its replies."""
 
     inner: Agent
     told: list[str] = field(default_factory=list[str])
@@ -75,7 +77,7 @@ async def test_the_reference_is_right_under_each_presentation_and_meets_the_same
         assert episode.prompt == plain.prompt
         assert list(map(canonical, exchanges_of(episode))) == list(map(canonical, exchanges_of(plain)))
         assert grade_record(episode, KeyRing()).grade.strict is Verdict.CORRECT
-        # What was met is what is usual, translated: nothing more and nothing less.
+        # The presented episode is exactly the translation of the ordinary one.
         several = usual.told[0].count("\n| object_") > 1
         assert (met.told != usual.told) is (several or presentation != (Change.ORDER,))
         assert [translated_back(text, presentation) for text in met.told] == [in_any_order(text) for text in usual.told]
@@ -89,7 +91,7 @@ def translated_back(text: str, presentation: tuple[Change, ...]) -> list[str]:
 
 
 def in_any_order(text: str) -> list[str]:
-    """The parts of a text, without the order of what it lists."""
+    """Return the words of a text, sorted, so that the order of listed objects does not matter."""
     return sorted(re.split(r"[\n ,\[\]{}]+", text))
 
 
@@ -100,7 +102,7 @@ def test_ids_are_exchanged_one_to_one() -> None:
     assert others[:3] == ["sample_p", "sample_q", "sample_r"]
     assert len(set(others)) == len(ids)
     assert [names.text(other) for other in others] == ids
-    # What names no object stays: an id that the laboratory would not know, a field, part of a word.
+    # Text that names no object is unchanged: an id unknown to the laboratory, a field name, a part of a word.
     for text in ("object_01", "sample_a", "object_id", "my_object_1", "object_1000000", "sample_zzzzz"):
         assert names.text(text) == text
 

@@ -1,4 +1,4 @@
-"""Tests of the other system of units: every number of every tool has its unit, and the physics is the same."""
+"""Tests of `--presentation units`: every number of every tool is converted, and the physics is the same."""
 
 import json
 import re
@@ -24,7 +24,7 @@ WITHOUT_UNIT = {"m g z", "x, y, z", "w, x, y, z", "rad", "red, green, blue, opac
 
 
 def described_fields() -> list[tuple[str, str, str]]:
-    """Tool, argument or field, and description, for everything that the contract describes with brackets."""
+    """Return tool, argument or field, and description of everything in the contract whose description has brackets."""
     return [
         (tool["name"], name, part["description"])
         for tool in TOOLS

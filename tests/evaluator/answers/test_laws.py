@@ -26,7 +26,7 @@ def graded(law: object, true: TrueLaw = TRUE) -> LawGrade:
 
 
 def changed(**let: str) -> dict[str, Any]:
-    """The true law with other auxiliary quantities."""
+    """Return the true law with some auxiliary quantities (`let`) replaced."""
     law = copy.deepcopy(STATEMENT)
     law["let"] |= let
     return law
@@ -169,7 +169,7 @@ def test_a_wrong_memory_is_found_out() -> None:
 
 
 def test_a_hidden_body_may_be_stated_by_other_states() -> None:
-    """The lag of scene 203 by twice the state and half the effect."""
+    """A state variable of scene 203 is scaled by two and its effect halved, which is equivalent."""
     true = RING.law(203, 1)
     assert true is not None
     law = json.loads(json.dumps(true.model.statement))

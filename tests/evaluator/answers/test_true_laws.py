@@ -1,4 +1,4 @@
-"""Tests that the laws which grades compare with are those of the laboratory: the engine moves bodies by them."""
+"""Tests that the true laws used by the grader predict the same motion as the engine."""
 
 import numpy as np
 import pytest
@@ -23,7 +23,7 @@ def law_of(scene: int) -> TrueLaw:
 
 
 def read(engine: Engine, true: TrueLaw) -> list[float]:
-    """Places, then velocities, of all coordinates in the engine."""
+    """Return positions, then velocities, of all coordinates in the engine."""
     places, speeds = list[float](), list[float]()
     for body, axis, _ in true.model.coordinates:
         turned = engine.turn(body)

@@ -108,7 +108,7 @@ async def test_a_creation_scene_that_can_be_solved_without_creating_fails_the_mo
     author: Author, laboratory: Callable[[Path], EpisodeConnector]
 ) -> None:
     files = author.write(Category.EASY_SINGLE_CREATION)
-    # The pan may now be pushed, so no ball is needed to measure the stiffness of its spring.
+    # The pan may now be pushed, so the stiffness of its spring can be measured without a ball.
     author.edit(files, lambda pack: pack["object_permissions"]["object_1_permissions"].update(actuate=True))
     found = failed(await proven(files, laboratory))
     assert set(found) == {"modality"}
@@ -335,7 +335,9 @@ async def test_twins_and_steps_hold_for_a_sample_of_the_scenes(scene: int, memor
 
 
 def reasons_of(checks: Sequence[Check]) -> list[str]:
-    """What the checks report, without what one or two seeds cannot show: two draws of a choice may be equal."""
+    """Return the faults that the checks report, except those that one or two seeds cannot show: two draws of a choice
+    may be equal.
+    """
     reasons = [reason for check in checks for reason in check.reasons if reason != "all seeds have the same key"]
     return [reason.split(":")[0] for reason in reasons]
 

@@ -1,4 +1,6 @@
-"""Agents that design experiments: what they choose from, what they choose, and where they refuse to play."""
+"""Tests of the agents that design experiments: their set of experiments, their choices, and the scenes that they
+refuse.
+"""
 
 from dataclasses import replace
 

@@ -1,4 +1,6 @@
-"""Tests of challenges: twenty people at once over HTTP, some in Chromium, and what one person can do to another."""
+"""Tests of `physment-eval challenge`: twenty participants at once over HTTP, pages in Chromium, and isolation of
+participants.
+"""
 
 import csv
 import json
@@ -33,7 +35,7 @@ def answer(value: object) -> dict[str, Any]:
 
 
 class Challenge:
-    """A running command."""
+    """A running `physment-eval challenge` command."""
 
     def __init__(self, process: "subprocess.Popen[str]", folder: Path) -> None:
         assert process.stdout is not None
@@ -51,14 +53,14 @@ class Challenge:
         return self.people[-1]
 
     def end(self) -> str:
-        """Press Ctrl-C, and return the output until the end."""
+        """Send Ctrl-C to the command, and return its output until it ends."""
         self.process.send_signal(signal.SIGINT)
         out, _ = self.process.communicate(timeout=300)
         return self.said + out
 
 
 class Person:
-    """What the page of a person does, over HTTP."""
+    """A simulated participant: sends the same HTTP requests as the page in the browser."""
 
     def __init__(self, link: str) -> None:
         self.http = httpx.Client(base_url=link, headers={"x-physment-page": "one"}, timeout=300, trust_env=False)
@@ -85,7 +87,7 @@ class Person:
         return self.after(now["version"] + 1)
 
     def after(self, version: int) -> dict[str, Any]:
-        """Return the first state in which the person may act, or the episode is over."""
+        """Poll until the person may take a turn or the episode has ended; return that state."""
         while True:
             state = self.http.get("state", params={"after": version}).json()
             if state["waiting"] or state["ended"] is not None:
@@ -120,7 +122,7 @@ def test_twenty_people_play_at_once_and_the_run_is_an_ordinary_one(tmp_path: Pat
     def play(person: Person, number: int) -> list[str]:
         person.agree()
         person.state(waiting=True)
-        together.wait()  # everyone has an episode open
+        together.wait()  # now every participant has an open episode
         assert person.turn(*FALL)["left"] == 19
         ends = [person.turn(answer(7.848 * number / 10))["ended"]]
         person.next()
@@ -175,7 +177,7 @@ def test_one_person_can_neither_see_nor_touch_the_episode_of_another(tmp_path: P
         for path in ("leave", "take-over", "close"):
             assert two.post(path).status_code == 204
         assert one.state(waiting=True)["version"] == seen["version"], "nothing reaches the other person"
-        # A guessed link leads nowhere, whatever is asked; neither do parts of a true one.
+        # A guessed link, or a part of a true one, is refused for every kind of request.
         token = challenge.links["01"].split("/")[-2]
         guesses = [
             "x" * 22,
@@ -210,7 +212,7 @@ def test_one_person_can_neither_see_nor_touch_the_episode_of_another(tmp_path: P
         assert [reply.status_code for reply in refused] == [409, 409, 403, 403, 403, 413]
         assert one.http.get("report").status_code == 404
         assert one.state(waiting=True)["left"] == 19
-        # Nothing of the key or the verdict is sent.
+        # No response contains the key or the verdict.
         last = one.turn(answer(1))
         assert (last["end"]["correct"], last["end"]["key"]) == (None, None)
         assert "7.848" in json.dumps(last["turns"]), "the reading"
@@ -232,7 +234,7 @@ def test_a_restart_goes_on_with_the_same_links_and_what_was_played_stays_played(
         waiting.state(waiting=True)
         assert "Traceback" not in challenge.end()
     found = {key: episode.error for key, episode in RunFolder(tmp_path / "run").episodes().items()}
-    # The one who has not done anything yet is not recorded; the other left, because the challenge was ended.
+    # A participant without a turn is not recorded; for another one, the end of the challenge is recorded as the reason.
     assert [(key.epoch, key.scene, key.seed) for key in found] == [(2, 7, 1), (2, 8, 1)]
     assert list(found.values()) == [None, "the challenge was ended"]
     stored = [file.read_text("utf-8") for file in (tmp_path / "run").glob("*.json*")]

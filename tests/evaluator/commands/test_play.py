@@ -1,4 +1,4 @@
-"""Tests of a person at a terminal: the command with input from a pipe or from a pseudo-terminal."""
+"""Tests of `physment-eval play` in a terminal, with input from a pipe and from a pseudo-terminal."""
 
 import os
 import pty
@@ -156,7 +156,7 @@ on_linux = pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="look
 
 @dataclass
 class Screen:
-    """The command on a pseudo-terminal."""
+    """A `physment-eval play` command on a pseudo-terminal."""
 
     process: subprocess.Popen[bytes]
     terminal: int

@@ -1,4 +1,4 @@
-"""Tests of a person in a browser: the command with its page over HTTP, and the page in headless Chromium."""
+"""Tests of `play --web`: the command and its page over HTTP, and the page in headless Chromium."""
 
 import contextlib
 import re
@@ -25,7 +25,7 @@ LOOK = {"tool": "get_velocity", "arguments": {"object_id": "object_1"}}
 
 
 class Played:
-    """A running command, and a window at its page."""
+    """A running `play --web` command, and an HTTP client that acts as its page."""
 
     def __init__(self, process: "subprocess.Popen[str]") -> None:
         assert process.stdout is not None
@@ -96,7 +96,7 @@ def test_a_scene_is_solved_over_http_recorded_and_graded_like_any_other(tmp_path
         assert second["turns"][1]["exchanges"][2]["content"]["velocity"] == [0, 0, -7.848]
         place = second["turns"][1]["exchanges"][3]["content"]["position"]
         assert (first["read"], second["read"]) == ({}, {"object_1": {"position": place, "time": 0.8}})
-        # The steps of one turn are seen as one motion.
+        # The steps of one turn are played as one continuous motion.
         motion = second["view"]["motion"]
         assert (motion["times"][0], motion["times"][-1]) == (0.3, 0.8)
         assert motion["times"] == sorted(set(motion["times"]))
@@ -117,7 +117,7 @@ def test_a_scene_is_solved_over_http_recorded_and_graded_like_any_other(tmp_path
         assert "Correct, in 3 of 20 iterations." in played.end()
     episode = episode_in(tmp_path)
     assert (episode.key.agent, episode.answer, episode.turns[0].reasoning) == ("human", 7.848, "it falls")
-    # What the person saw is not recorded.
+    # Views that the page displayed are not recorded.
     assert "physment/view" not in (tmp_path / "run" / "episodes.jsonl").read_text(encoding="utf-8")
     assert (tmp_path / "run" / "report.html").is_file()
 
@@ -159,7 +159,7 @@ def test_another_window_is_refused_until_it_takes_over(tmp_path: Path, host_url:
         assert "another window" in second.get("state").json()["error"]
         assert "another window" in second.post("turn", json={"calls": [STEP]}).json()["error"]
         assert second.post("take-over").status_code == 204
-        # The first window learns it from the request that waits for news.
+        # The pending request of the first window is answered with the notice that another window took over.
         assert played.http.get("state", params={"after": version}).status_code == 409
         assert played.http.post("turn", json={"calls": [STEP]}).status_code == 409
         assert second.post("turn", json={"calls": [STEP]}).status_code == 204
@@ -218,7 +218,7 @@ def experiment_with(page: Page) -> None:
         page.run(f"({FILL})('duration', '{typed}')")
         page.run("document.getElementById('run').click()")
         assert page.run("document.getElementById('said').textContent") == sentence
-    # One click steps and reads; the same again is one click more.
+    # One click steps and reads; *Repeat last* repeats both with one more click.
     page.run(f"({FILL})('duration', '0,4')")
     assert page.run("document.getElementById('run').textContent") == "Step and read 3 calls, 1 iteration"
     page.run("document.getElementById('run').click()")
@@ -282,7 +282,7 @@ def test_a_person_fills_in_a_form_sees_what_came_back_and_answers(tmp_path: Path
     with playing(tmp_path, host_url) as played, chromium(PROGRAM, tmp_path / "profile", *SOFTWARE_WEBGL) as page:
         page.send("Network.enable")
         page.look(1280, "light")
-        # Who asks for less motion sees the end of a step at once.
+        # With `prefers-reduced-motion`, the page shows the end of a step at once.
         page.send("Emulation.setEmulatedMedia", features=[{"name": "prefers-reduced-motion", "value": "reduce"}])
         page.visit(played.address)
         page.wait("!document.getElementById('run').disabled")
@@ -291,7 +291,7 @@ def test_a_person_fills_in_a_form_sees_what_came_back_and_answers(tmp_path: Path
         reached = reached_by_tab(page)
         assert {"duration", "read_of", "run", "add", "give", "leave", "group", "lab-box lab-view"} <= reached
         experiment_with(page)
-        # The scene can be turned by keyboard, and pointing at the ball tells what was read of it.
+        # The keyboard rotates the scene; pointing at the ball shows the last reading of its position.
         label = "document.querySelector('.lab-label')"
         page.wait(f"{label} !== null && document.querySelector('.lab-clock').textContent === '0.800 s'")
         assert page.run("document.querySelector('.lab-play').textContent") == "▶"

@@ -1,4 +1,4 @@
-"""The window of a curriculum follows a simulated learner, and a referee draws from it."""
+"""Tests of curricula: the window follows a simulated learner's success rate, and a referee draws from it."""
 
 import math
 import random
@@ -24,9 +24,10 @@ DIFFICULTIES = {scene: (place / 5 - 5.0, 0.1) for place, scene in enumerate(TRAI
 
 
 class Learner:
-    """Succeeds with the probability of the Rasch model, and learns from the variance of its rewards.
+    """A simulated learner: it succeeds with the probability of the Rasch model, and learns from the variance of its
+    rewards.
 
-    A group of equal rewards has no gradient, so a step of probability p teaches in proportion to p (1 - p).
+    A group of equal rewards has no gradient, so a step with success probability p teaches in proportion to p (1 - p).
     """
 
     def __init__(self, seed: int) -> None:

@@ -1,4 +1,4 @@
-"""What trainers ask a referee for besides single episodes: groups of one variant, facts about scenes, counters."""
+"""Tests of a referee's groups of episodes of one variant, of its facts about scenes, and of its counters."""
 
 import json
 import re

@@ -1,6 +1,8 @@
 # The optional library is not in the environment in which types are checked.
 # pyright: reportMissingImports=false
-"""The data sets of tasks: what a row holds, that no scene is in two files, and that tests have no reference."""
+"""Tests of `export --to tasks`: the content of a row, that no scene is in two files, and that `test` has no
+transcripts.
+"""
 
 import json
 from importlib.util import find_spec

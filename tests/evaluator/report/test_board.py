@@ -1,4 +1,4 @@
-"""The leaderboard of submissions: who is ranked with whom, what its columns say, and how it looks."""
+"""Tests of the leaderboard page: which submissions are ranked together, its columns, and its layout in Chromium."""
 
 import json
 from pathlib import Path

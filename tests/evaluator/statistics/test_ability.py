@@ -17,7 +17,7 @@ from evaluator.statistics.ability import (
 )
 
 MIDDLE = 80
-"""Place of ability 0 in the grid, whose step is 0.15 logits."""
+"""Index of ability 0 in the grid, whose step is 0.15 logits."""
 
 
 def chance(logits: float) -> float:
@@ -59,5 +59,5 @@ def test_information_is_greatest_where_the_chance_is_even_and_less_for_each_furt
     first, second, tenth = information(unsure, [0, 1, 9], 0.0)
     assert first == pytest.approx(0.25 / (1 + 0.25 * 0.25))
     assert first > second > tenth
-    # All answers of a scene together tell the ability no better than its difficulty is known.
+    # Even many answers in one scene cannot determine the ability better than the scene's difficulty is known.
     assert information([SceneDifficulty(0.0, 0.5, 0.0)] * 500, range(500), 0.0).sum() == pytest.approx(4.0, rel=0.05)

@@ -1,4 +1,5 @@
-"""Adaptive tests of simulated takers: half as long as the full test, how far from it, and do the intervals cover?
+"""Simulates adaptive tests: compares a test of half the length with the full test, and checks the coverage of
+intervals.
 
 `python -m tests.harness.calibration.adaptive [TAKERS] [TABLES]`. Each table of difficulties is itself estimated, by the
 model of `calibrate` from the simulated answers of thirty takers, so that its errors count. Abilities are relative to
@@ -17,15 +18,15 @@ from evaluator.statistics.ability import Ability, SceneDifficulty
 from tests.harness.calibration.coverage import Design, drawn
 
 CALIBRATED = Design(30, seeds=3)
-"""The takers whose answers give a table: as many as `evaluator.agents.takers` has, on the whole suite."""
+"""Simulated takers from whose answers the difficulties are estimated: as many as `evaluator.agents.takers` has."""
 ABILITY_SD = 1.5
 """Standard deviation of the abilities of the tested takers [logits]."""
 TARGET = 0.3
-"""Standard error at which the test that stops early ends [logits]."""
+"""Standard error at which the third test stops [logits]."""
 
 
 class Laboratory(NamedTuple):
-    """A simulated suite: what is known of its scenes, and what is true."""
+    """A simulated suite: the estimated and the true difficulties of its scenes."""
 
     known: dict[int, SceneDifficulty]
     logits: np.ndarray
@@ -33,19 +34,19 @@ class Laboratory(NamedTuple):
 
 
 class Tested(NamedTuple):
-    """What the tests of one taker found."""
+    """The abilities of one simulated taker, estimated by three tests."""
 
     truth: float
     full: Ability
-    """From an answer in every scene."""
+    """Estimate from one answer in every scene."""
     half: Ability
-    """From half as many answers, in scenes that an adaptive test chose."""
+    """Estimate from half as many answers, in scenes chosen by an adaptive test."""
     stopped: Ability
-    """When the adaptive test had reached `TARGET`, or had no more scenes."""
+    """Estimate of an adaptive test that stops at the standard error `TARGET`, or when no scene is left."""
 
 
 def laboratory(source: np.random.Generator) -> Laboratory:
-    """Draw scenes, and estimate their difficulties from the answers of other takers."""
+    """Draw the true difficulties of scenes, and estimate them from the answers of simulated takers."""
     one = drawn(CALIBRATED, source)
     found = fit(one.data, one.features)
     middle = found.difficulty.mean()
@@ -57,7 +58,7 @@ def laboratory(source: np.random.Generator) -> Laboratory:
 
 
 def tested(lab: Laboratory, name: str, source: np.random.Generator) -> Tested:
-    """Draw a taker and its answer in every scene at a new seed, and test it."""
+    """Draw a taker's ability and its answers at one new seed per scene, and run the three tests."""
     ability = float(source.normal(0, ABILITY_SD))
     logits = ability - lab.logits - source.normal(0, CALIBRATED.seed_sd, len(lab.logits))
     right = source.random(len(logits)) < 1 / (1 + np.exp(-logits))

@@ -11,7 +11,7 @@ PROGRAMS = HERE / "programs"
 
 
 class Client(BaseModel):
-    """A client, the packages that it needs, and what its user must know."""
+    """A third-party client: its packages, how it uses stdio, and notes for its users."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 

@@ -122,7 +122,7 @@ def _opened(scene: int, seed: int, max_calls: int | None) -> tuple[Session, Priv
 
 
 def _differs(session: Session, seed: int, changed: Sequence[Call]) -> Problem | None:
-    """Return whether an episode ends otherwise when only its state-changing calls are made."""
+    """Replay only the state-changing calls of an episode, and return a problem if the final state differs."""
     # Compiled anew: a change of what episodes share would show in both.
     forget_scenes()
     twin, private = _opened(session.scene.public.scene_id, seed, None)

@@ -155,10 +155,10 @@ def _numbers(values: Iterable[object]) -> Iterator[float]:
 
 
 def _spellings(values: Iterable[float]) -> set[str]:
-    """Return how a text could show numbers: in full or with six digits, without sign.
+    """Return the spellings by which a text could show numbers: in full or with six digits, without sign.
 
-    Spellings with fewer digits, such as `12.85` for 12.850003, are left out, because the clock, for example, may show
-    them.
+    Shorter spellings, such as `12.85` for 12.850003, are omitted, because other values, such as the clock, may have
+    them by chance.
     """
     sizes = [abs(value) for value in values]
     spelled = {spelling for size in sizes for spelling in (repr(size), f"{size:.6g}")}

@@ -80,7 +80,7 @@ def replay(file: Path, console: Console) -> int:
 
 
 def fuzz(args: argparse.Namespace, console: Console) -> int:
-    """Make the calls that the command line asks for, and print the failures; returns 1 if there are any."""
+    """Run the fuzzer as the command line requests, and print the failures; returns 1 if there are any."""
     scenes = args.scenes or scene_ids()
     seed = random.SystemRandom().randrange(10**6) if args.seed is None else args.seed
     console.print(f"{args.calls} calls on {len(scenes)} scenes, --seed {seed}", highlight=False)

@@ -77,7 +77,7 @@ def test_the_same_seed_makes_the_same_calls() -> None:
 
 
 def runs_instead(tool: str, run: Run) -> Plant:
-    """Plants another function in a tool."""
+    """Replace the function of a tool by a faulty one, which the fuzzer must detect."""
 
     def plant(patch: pytest.MonkeyPatch) -> None:
         patch.setitem(calls._BY_NAME, tool, replace(calls._BY_NAME[tool], run=run))

@@ -331,7 +331,7 @@ async def _main(port: int, kind: str) -> None:
     attack.cancel()
     with contextlib.suppress(asyncio.CancelledError):
         await attack
-    with contextlib.suppress(BrokenPipeError):  # who measured was interrupted
+    with contextlib.suppress(BrokenPipeError):  # the measuring process was interrupted
         print(json.dumps({"sent": target.sent, "sent_bytes": target.sent_bytes, "refused": target.refused}), flush=True)
 
 

@@ -66,7 +66,7 @@ class Compared:
         return attacked / usual
 
     def row(self) -> list[str]:
-        """The cells of its row after the name."""
+        """Return the cells of this attack's row in the table, without its name."""
 
         def middle(windows: list[Window], name: str) -> str:
             return f"{statistics.median(getattr(one, name) for one in windows):.1f}"
@@ -113,7 +113,7 @@ async def window(host: Hosted, crowd: Crowd, seconds: float) -> Window:
 
 
 async def compare(host: Hosted, crowd: Crowd, kind: str, repeats: int, seconds: float) -> Compared:
-    """Measure one kind of attack."""
+    """Measure honest calls with and without one kind of attack, in alternating windows."""
     found = Compared([await window(host, crowd, seconds)])
     for _ in range(repeats):
         async with attacking(host.port, kind) as counts:

@@ -64,7 +64,7 @@ class Soaked:
     """Honest calls that failed, attackers that died, errors in the log, what was not closed."""
 
     def rises(self) -> dict[str, float]:
-        """Quantity → its rise after the warm-up, as a share of its mean."""
+        """Return, for each measured quantity of the host, its rise after the warm-up as a share of its mean."""
         judged = self.samples[len(self.samples) // _WARM_UP :]
         return {name: rise([getattr(sample, name) for sample in judged]) for name in LIMITS}
 

@@ -61,7 +61,7 @@ class ScriptedModel(Qwen3ForCausalLM):
         return torch.cat([input_ids, torch.stack(padded)], dim=1)
 
     def reply(self, text: str) -> str:
-        """Text of the next reply in a conversation."""
+        """Ask the scripted model for the next reply in a conversation, and return its text."""
         first, *turns = [part.partition("\n") for part in text.split(MARKS[1])[2:]]
         contents = [(role, content.removesuffix("\n").removesuffix(MARKS[2])) for role, _, content in [first, *turns]]
         replies = [content for role, content in contents[:-1] if role == "assistant"]
@@ -88,7 +88,7 @@ class ScriptedModel(Qwen3ForCausalLM):
         return f'<tool_call>\n{{"name": "{function["name"]}", "arguments": {function["arguments"]}}}\n</tool_call>'
 
     def lazy(self, replies: list[str]) -> bool:
-        """Whether this conversation, which has no reply yet, is one of the second half of its group."""
+        """Whether a conversation without a reply belongs to the half of its group that answers 0 at once."""
         if replies:
             return False
         self.begun = getattr(self, "begun", -1) + 1
@@ -131,7 +131,7 @@ def main(server: str, backend: str, generations: str, budget: str, *variants: st
 
 
 def probe(environment: Any, variant: dict[str, Any]) -> str:
-    """A prompt, from which the tokenizer is made."""
+    """Return a prompt from which the tokenizer is made."""
     opened = environment()
     text = opened.reset(**variant)
     opened._leave()
