@@ -14,7 +14,7 @@ from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 from evaluator.errors import UsageError, reason_of
 from evaluator.records.episode import Choice, EpisodeKey
@@ -27,6 +27,9 @@ from evaluator.statistics.ability import (
     scene_likelihood,
 )
 from scenes import PackFiles, same_pack
+
+if TYPE_CHECKING:
+    from evaluator.calibration.results import Calibration
 
 DIFFICULTIES = Path(__file__).with_name("difficulties.json")
 """The calibration that ships with the package."""
@@ -48,19 +51,39 @@ class DifficultyTable(NamedTuple):
         return same_pack(self.packs.get(files.scene_id, ""), files)
 
 
+def read_calibration(file: Path = DIFFICULTIES) -> "Calibration":
+    """Read a `calibration.json`.
+
+    Raises:
+        UsageError: The file cannot be read or is malformed.
+    """
+    return _parsed(file, _content(file))
+
+
+def _content(file: Path) -> bytes:
+    try:
+        return file.read_bytes()
+    except OSError as error:
+        raise UsageError(f"{file} cannot be read as a calibration: {reason_of(error)}") from error
+
+
+def _parsed(file: Path, content: bytes) -> "Calibration":
+    from evaluator.calibration.results import Calibration  # noqa: PLC0415 - loads scipy, which no other run needs
+
+    try:
+        return Calibration.model_validate_json(content)
+    except ValueError as error:
+        raise UsageError(f"{file} cannot be read as a calibration: {reason_of(error)}") from error
+
+
 def read_difficulties(file: Path = DIFFICULTIES) -> DifficultyTable:
     """Read the difficulties from a `calibration.json`.
 
     Raises:
         UsageError: The file cannot be read or is malformed.
     """
-    from evaluator.calibration.results import Calibration  # noqa: PLC0415 - loads scipy, which no other run needs
-
-    try:
-        content = file.read_bytes()
-        found = Calibration.model_validate_json(content)
-    except (OSError, ValueError) as error:
-        raise UsageError(f"{file} cannot be read as a calibration: {reason_of(error)}") from error
+    content = _content(file)
+    found = _parsed(file, content)
     difficulties = {one.scene: SceneDifficulty(one.logits, one.se, found.spreads.variant) for one in found.scenes}
     packs = {one.scene: one.pack for one in found.scenes}
     return DifficultyTable(difficulties, packs, hashlib.sha256(content).hexdigest())

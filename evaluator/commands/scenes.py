@@ -10,6 +10,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
+from evaluator.calibration.stated import StatedDifficulty, stated_difficulties
 from evaluator.certify.records import SceneCertificate, engine_note, read_certificates
 from evaluator.commands.base import (
     PROMPTINGS,
@@ -155,8 +156,9 @@ def _list(args: argparse.Namespace) -> int:
     table = Table(box=None, pad_edge=False)
     table.add_column("scene", justify="right")
     certificate = f"certificate on MuJoCo {stored.engine}" if stored else "certificate"
-    for title in ("name", "rung", "category", "type", "answer", certificate):
+    for title in ("name", "rung", "category", "type", "answer", "difficulty", certificate):
         table.add_column(title, overflow="fold")
+    difficulties = stated_difficulties(packs)
     states: dict[str, list[str]] = {name: [] for name in (*Rung, NO_RUNG)}
     read = {files: _read(files) for files in packs}
     for files, pack in read.items():
@@ -170,6 +172,7 @@ def _list(args: argparse.Namespace) -> int:
             pack.category.value if pack.category else "",
             pack.metadata.problem_type,
             escape(_answer_type(pack)),
+            _difficulty(difficulties.get(files.scene_id)),
             state,
         )
     console = wide_console()
@@ -177,6 +180,9 @@ def _list(args: argparse.Namespace) -> int:
     if note := engine_note(folder):
         console.print(note, highlight=False, soft_wrap=True)
     console.print(_totals(states), highlight=False, soft_wrap=True)
+    if difficulties:
+        note = "difficulty ± standard error in logits, from answers of simulated takers; 0 is the average scene"
+        console.print(note, highlight=False, soft_wrap=True)
     if split:
         seeds = f"{split.seeds[0]}-{split.seeds[-1]}"
         console.print(f"split {split.label}: {len(packs)} scenes, seeds {seeds}", highlight=False)
@@ -186,6 +192,10 @@ def _list(args: argparse.Namespace) -> int:
         write_gallery(read, args.html, args.link, args.scenes_dir)
         console.print(f"{args.html} has a card for each", highlight=False, markup=False, soft_wrap=True)
     return 0
+
+
+def _difficulty(stated: StatedDifficulty | None) -> str:
+    return "" if stated is None else f"{stated.figure}, {stated.word}"
 
 
 def _totals(states: Mapping[str, Sequence[str]]) -> str:
@@ -272,7 +282,8 @@ def _pages(args: argparse.Namespace) -> int:
 
     console = Console()
     packs = parse_scenes(None, args.scenes_dir)
-    written = write_pages(packs, args.out, pictures=not args.no_pictures, jobs=args.jobs, on_done=say)
+    difficulties = {scene: one.sentence for scene, one in stated_difficulties(packs).items()}
+    written = write_pages(packs, args.out, difficulties, pictures=not args.no_pictures, jobs=args.jobs, on_done=say)
     for sentence in (*written.faults, written.unpictured):
         if sentence:
             say(sentence)

@@ -33,6 +33,7 @@ def scene_page(
     certificate: SceneCertificate | None,
     engine: str,
     example: bool,
+    difficulty: str = "",
 ) -> str:
     """Generate the page of a scene.
 
@@ -43,6 +44,7 @@ def scene_page(
         certificate: Its certificate; None if the pack was changed since, or never certified.
         engine: Version of MuJoCo for which the certificate holds.
         example: Whether the page of worked examples shows a run of it.
+        difficulty: What its calibrated difficulty is; empty if it has none.
     """
     number, name = listing.scene, escaped(listing.name)
     picture = f'<img src="scene{number}.png" width="800" alt="Scene {number} at its start">' if pictured else ""
@@ -55,7 +57,7 @@ def scene_page(
         f"**Answer.** {escaped(listing.answer) or 'not described'}",
         markdown_table(("object", "name", "may be read", "may be acted on"), _objects(public)),
         f"Limits:\n\n{limits}".rstrip() if limits else "No limits but those of every laboratory.",
-        "\n".join(f"- {fact}" for fact in _facts(listing, certificate, engine)),
+        "\n".join(f"- {fact}" for fact in _facts(listing, certificate, engine, difficulty)),
         f"```sh\nphysment-eval play {number} --web      # solve it yourself\n"
         f"physment-eval scenes show {number}     # the whole opening prompt\n"
         f"physment-mcp config claude-desktop --scene {number}\n```",
@@ -104,7 +106,7 @@ def _limits(limits: LabLimits | None, disabled: Sequence[str]) -> list[str]:
     return found
 
 
-def _facts(listing: Listing, certificate: SceneCertificate | None, engine: str) -> list[str]:
+def _facts(listing: Listing, certificate: SceneCertificate | None, engine: str, difficulty: str) -> list[str]:
     category = listing.category.value if listing.category else "none"
     facts = [f"Category: {category}. Concepts: {escaped(', '.join(listing.concepts)) or 'none named'}."]
     if listing.steps:
@@ -112,6 +114,8 @@ def _facts(listing: Listing, certificate: SceneCertificate | None, engine: str) 
             f"Length: the reference protocol takes {span(listing.steps.iterations)} iterations and"
             f" {span(listing.steps.interventions)} interventions."
         )
+    if difficulty:
+        facts.append(f"[Difficulty](../../explanation/validity.md#how-hard-a-scene-is): {difficulty}")
     if certificate is None:
         facts.append("Certificates: none that holds for this pack.")
     else:

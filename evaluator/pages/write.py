@@ -163,13 +163,20 @@ class Written:
 
 
 def write_pages(
-    packs: Sequence[PackFiles], out: Path, *, pictures: bool, jobs: int, on_done: Callable[[str], None]
+    packs: Sequence[PackFiles],
+    out: Path,
+    difficulties: Mapping[int, str],
+    *,
+    pictures: bool,
+    jobs: int,
+    on_done: Callable[[str], None],
 ) -> Written:
     """Write the pages and the pictures. This executes the packs' `solution.py`.
 
     Args:
         packs: The scenes.
         out: Folder of the documentation.
+        difficulties: Scene → what its calibrated difficulty is, for those that have one.
         pictures: Whether to draw pictures.
         jobs: Number of processes that draw.
         on_done: Called with a short text when a part is ready.
@@ -193,13 +200,16 @@ def write_pages(
     _write(written, {folder / f"scene{scene}.png": picture.png for scene, picture in shown.items()})
     _write(written, {folder / SMALL / f"scene{scene}.png": picture.thumbnail for scene, picture in shown.items()})
     page = scenes_page(listings, shown)
-    _write(written, {folder / name: text.encode() for name, text in scene_pages(read, listings, shown)})
+    _write(written, {folder / name: text.encode() for name, text in scene_pages(read, listings, shown, difficulties)})
     _write(written, {out / SCENES_PAGE: page.encode(), out / EXAMPLES_PAGE: examples_page(examples).encode()})
     return written
 
 
 def scene_pages(
-    read: Mapping[PackFiles, Pack], listings: Sequence[Listing], shown: Collection[int]
+    read: Mapping[PackFiles, Pack],
+    listings: Sequence[Listing],
+    shown: Collection[int],
+    difficulties: Mapping[int, str],
 ) -> Iterator[tuple[str, str]]:
     """Yield the file name and the text of the page of each scene."""
     packs = {files.scene_id: (files, pack) for files, pack in read.items()}
@@ -216,6 +226,7 @@ def scene_pages(
                 certificate=found[0] if found and same_pack(found[0].pack, files) else None,
                 engine=stored.engine if stored else "",
                 example=listing.scene in EXAMPLES,
+                difficulty=difficulties.get(listing.scene, ""),
             ),
         )
 

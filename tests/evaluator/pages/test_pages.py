@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from evaluator.calibration.stated import stated_difficulties
 from evaluator.certify.difficulty import play
 from evaluator.commands.program import main
 from evaluator.pages.scene_table import KINDS, Listing, Steps, answer_form, scenes_page
@@ -208,7 +209,8 @@ def test_the_stored_page_of_each_scene_is_what_its_pack_and_certificate_say() ->
     listings = [Listing.of(files, pack, None) for files, pack in packs.items()]
     folder = DOCS / "reference" / "scenes"
     pictured = {listing.scene for listing in listings if (folder / f"scene{listing.scene}.png").is_file()}
-    made = dict(scene_pages(packs, listings, pictured))
+    difficulties = {scene: one.sentence for scene, one in stated_difficulties(packs).items()}
+    made = dict(scene_pages(packs, listings, pictured, difficulties))
     assert set(made) == {file.name for file in folder.glob("*.md")}
     stored = {name: (folder / name).read_text("utf-8").splitlines(keepends=True) for name in made}
     measured = "- Length: the reference protocol takes "
