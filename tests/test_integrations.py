@@ -18,7 +18,7 @@ from pydantic import BaseModel, Field
 
 from evaluator.commands.program import parser
 from evaluator.episode.player import ANSWER
-from evaluator.referee.contract import EndedEpisode, WantedEpisode
+from evaluator.referee.contract import EndedEpisode, WantedEpisode, WantedGroup
 from physment_mcp import open_episode
 from tests.builders.paths import ROOT
 from tests.builders.referee_client import referee_client
@@ -128,8 +128,8 @@ def copied(file: str, name: str) -> dict[str, Any]:
     tree = ast.parse((FOLDER / file).read_text(encoding="utf-8"))
     (found,) = (node for node in ast.walk(tree) if isinstance(node, ast.ClassDef) and node.name == name)
     fields = [node for node in found.body if isinstance(node, ast.AnnAssign)]
-    fields = [node for node in fields if ast.unparse(node.target) in WantedEpisode.model_fields]
-    names: dict[str, Any] = {"BaseModel": BaseModel, "Field": Field, "Literal": Literal}
+    fields = [node for node in fields if ast.unparse(node.target) in WantedGroup.model_fields]
+    names: dict[str, Any] = {"BaseModel": BaseModel, "Field": Field, "Literal": Literal, "Any": Any}
     exec("class Copy(BaseModel):\n" + "\n".join(f"    {ast.unparse(node)}" for node in fields), names)
     return properties(names["Copy"])
 
@@ -143,19 +143,24 @@ def parameters(file: str, name: str) -> Mapping[str, object]:
 
 
 def test_the_clients_of_frameworks_repeat_the_contract_of_a_referee() -> None:
-    contract = properties(WantedEpisode)
-    del contract["max_calls"]  # the framework counts iterations
-    del contract["world"]  # the shared client passes it on; these name scenes
+    everything = properties(WantedGroup)
+    del everything["count"]  # each rollout opens its own episode
+    contract = {
+        name: kind for name, kind in everything.items() if name != "max_calls"
+    }  # the framework counts iterations
     taskset, server = "verifiers/physment/taskset.py", "nemo_gym/resources_servers/physment/app.py"
     verifiers = copied(taskset, "PhysmentData") | copied(taskset, "PhysmentTaskConfig")
     assert verifiers == contract
-    assert copied(server, "PhysmentVariant") == {name: kind for name, kind in contract.items() if name != "prompting"}
+    # A row of NeMo Gym contains the prompt, so its variant is known before the training.
+    fixed = {name: kind for name, kind in contract.items() if name not in {"prompting", "curriculum"}}
+    assert copied(server, "PhysmentVariant") == fixed
     defaults = {name: kind["default"] for name, kind in contract.items()}
     reset = dict(parameters("openenv/server/environment.py", "reset"))
     assert reset.pop("episode_id") is None  # a name that OpenEnv gives
     assert reset == defaults
-    everything = {name: kind["default"] for name, kind in properties(WantedEpisode).items()}
-    assert parameters("trl/physment_trl/environment.py", "reset") == everything
+    assert parameters("trl/physment_trl/environment.py", "reset") == defaults | {
+        "max_calls": everything["max_calls"]["default"]
+    }
 
 
 def test_the_tools_of_the_environment_for_trl_are_those_of_the_laboratory(update_goldens: bool) -> None:
@@ -185,6 +190,24 @@ def test_variants_are_scenes_with_seeds_places_in_a_split_or_the_lines_of_a_file
     assert list(map(referee_client().name_of, found)) == ["scene7-seed3", "test-index0"]
 
 
+def test_variants_are_worlds_of_levels_or_draws_from_a_curriculum(tmp_path: Path) -> None:
+    read, name = referee_client().read_variants, referee_client().name_of
+    third, fourth = {"world": {"level": 3}}, {"world": {"level": 4}}
+    assert list(read(levels="3-4", indices="0")) == [third | {"index": 0}, fourth | {"index": 0}]
+    (drawn,) = read(levels="3", split="train", random_seeds="5")
+    assert (drawn, name(drawn)) == (third | {"split": "train", "random_seed": 5}, "train-level3-random_seed5")
+    of_split, of_level, of_all = (
+        next(read(**pool, curriculum="a", random_seeds="1-2")) for pool in ({"split": "train"}, {"levels": "3"}, {})
+    )
+    assert of_split == {"split": "train", "curriculum": "a", "random_seed": 1}
+    assert of_level == third | {"curriculum": "a", "random_seed": 1}
+    assert of_all == {"world": {}, "curriculum": "a", "random_seed": 1}
+    assert name(of_all) == "a-random_seed1"
+    file = tmp_path / "pairs.jsonl"
+    file.write_text("\n".join(map(json.dumps, (drawn, of_all))), encoding="utf-8")
+    assert list(read(file=file)) == [drawn, of_all]
+
+
 @pytest.mark.parametrize(
     ("given", "content", "says"),
     [
@@ -194,6 +217,10 @@ def test_variants_are_scenes_with_seeds_places_in_a_split_or_the_lines_of_a_file
         ({"scenes": "7", "seeds": "9-1"}, None, "seeds '9-1': write whole numbers"),
         ({"indices": "0-9"}, None, "name a split with indices"),
         ({"split": "train", "indices": "0", "random_seeds": "1"}, None, "name a split with indices"),
+        ({"levels": "3"}, None, "name scenes"),
+        ({"levels": "3", "scenes": "7", "random_seeds": "1"}, None, "name a split with indices"),
+        ({"curriculum": "a", "split": "train", "indices": "1"}, None, "a curriculum draws"),
+        ({"curriculum": "a", "levels": "3-4", "random_seeds": "1"}, None, "a curriculum draws"),
         ({}, '{"scene": 7, "seed": 3}\n{"scene": 7}\n', "line 2: write"),
         ({}, '{"split": "train"}\n', "line 1: write"),
         ({}, '{"split": "train", "index": "0"}\n', "line 1: write"),

@@ -24,10 +24,13 @@ _MOST = 1_000_000
 """Longest range of numbers that is accepted; a longer one is a typing error."""
 
 _NUMBERS = ("scene", "seed", "index", "random_seed")
-"""Fields that select a variant, besides the name of a split."""
+"""Numeric fields that select a variant."""
+_FIELDS = frozenset({*_NUMBERS, "split", "world", "curriculum"})
+"""All fields that select a variant."""
 
 Variant = dict[str, Any]
-"""The selection of a variant in a request: some of `scene`, `seed`, `split`, `index` and `random_seed`."""
+"""The selection of a variant in a request: some of `scene`, `seed`, `world`, `split`, `index`, `random_seed` and
+`curriculum`."""
 End = Literal["budget_exhausted", "agent_error"]
 """Why an episode ends without an answer."""
 
@@ -239,8 +242,10 @@ def read_variants(
     file: Path | None = None,
     *,
     split: str = "",
+    levels: str = "",
     indices: str = "",
     random_seeds: str = "",
+    curriculum: str = "",
 ) -> Iterator[Variant]:
     """Return variants to request from a referee, each as the arguments of `Referee.open`.
 
@@ -249,9 +254,12 @@ def read_variants(
         seeds: Seeds and ranges (by default 1); all scenes come with the first seed before the second.
         file: A file with a line of JSON for each variant, such as `{"scene": 7, "seed": 3}`; other arguments are then
             ignored.
-        split: Name of a split; its variants are selected by one of the following, or by scenes and seeds.
-        indices: Indices in the split, such as `0-99`.
-        random_seeds: Each draws an index in the split; with `scenes`, one of each scene.
+        split: Name of a split; its variants are selected by `indices` or `random_seeds`, or by scenes and seeds.
+        levels: Levels of generated worlds, such as `1-3`, instead of scenes; with a split, only its worlds.
+        indices: Indices in the split or among the worlds of each level, such as `0-99`.
+        random_seeds: Each draws such an index; with `scenes`, one of each scene.
+        curriculum: Name of a curriculum on the split or on the worlds of one level or of all (`levels` empty). It draws
+            a variant for each of the `random_seeds` from its present window.
 
     Raises:
         ValueError: An argument or a line is malformed; the message is one sentence.
@@ -259,20 +267,34 @@ def read_variants(
     if file is not None:
         yield from _in_file(file)
         return
-    chosen = [{"scene": scene} for scene in _numbers(scenes, "scenes")] if scenes else []
-    if indices or random_seeds:
-        if not split or (indices and (random_seeds or scenes)) or seeds:
+    chosen: list[Variant] = [{"scene": scene} for scene in _numbers(scenes, "scenes")] if scenes else []
+    named: Variant = {"split": split} if split else {}
+    if curriculum:
+        if not random_seeds or scenes or seeds or indices or len(worlds := _worlds(levels)) > 1:
+            raise ValueError(
+                'a curriculum draws from a split or from worlds of a level: curriculum "a", split "train", random_seeds'
+                ' "1-100"'
+            )
+        pool = {**named, **(worlds[0] if worlds else {} if split else {"world": {}}), "curriculum": curriculum}
+        parts = [{**pool, "random_seed": number} for number in _numbers(random_seeds, "random_seed")]
+    elif indices or random_seeds:
+        if not (split or levels) or (indices and (random_seeds or scenes)) or seeds or (levels and scenes):
             raise ValueError('name a split with indices, or with random_seeds: split "train", indices "0-99"')
         name, text = ("index", indices) if indices else ("random_seed", random_seeds)
-        parts = [{"split": split, **scene, name: number} for number in _numbers(text, name) for scene in chosen or [{}]]
-    elif chosen and (seeds or not split):
-        named = {"split": split} if split else {}
+        pools = chosen or _worlds(levels) or [{}]
+        parts = [{**named, **pool, name: number} for number in _numbers(text, name) for pool in pools]
+    elif chosen and not levels and (seeds or not split):
         parts = [{**named, **scene, "seed": seed} for seed in _numbers(seeds or "1", "seeds") for scene in chosen]
     else:
         raise ValueError(
-            'name scenes, such as "7,21-30", a split with indices, such as "0-99", or a file with a line for each'
+            'name scenes, such as "7,21-30", a split or levels with indices, such as "0-99", or a file with a line for'
+            " each"
         )
     yield from parts
+
+
+def _worlds(levels: str) -> list[Variant]:
+    return [{"world": {"level": level}} for level in _numbers(levels, "levels")] if levels else []
 
 
 def _in_file(file: Path) -> Iterator[Variant]:
@@ -282,11 +304,11 @@ def _in_file(file: Path) -> Iterator[Variant]:
         raise ValueError(f"{file} cannot be read: {error.strerror}") from error
     for number, line in enumerate(lines, start=1):
         try:
-            found = {name: value for name, value in json.loads(line).items() if name in _NUMBERS or name == "split"}
+            found = {name: value for name, value in json.loads(line).items() if name in _FIELDS}
         except (ValueError, AttributeError):
             found = {}
-        numbers = {name: value for name, value in found.items() if name != "split"}
-        named = {"scene", "seed"} <= numbers.keys() or ("split" in found and numbers)
+        numbers = {name: value for name, value in found.items() if name in _NUMBERS}
+        named = {"scene", "seed"} <= numbers.keys() or (found.keys() & {"split", "world"} and numbers)
         if not named or not all(type(value) is int for value in numbers.values()):
             raise ValueError(
                 f'{file}, line {number}: write {{"scene": 7, "seed": 3}} or {{"split": "train", "index": 0}},'
@@ -296,8 +318,9 @@ def _in_file(file: Path) -> Iterator[Variant]:
 
 
 def name_of(variant: Variant) -> str:
-    """Return a short name of a requested variant, such as `scene7-seed3` or `train-index0`."""
-    parts = [variant["split"]] if "split" in variant else []
+    """Return a short name of a requested variant, such as `scene7-seed3`, `train-index0` or `level5-index0`."""
+    parts = [variant[name] for name in ("curriculum", "split") if name in variant]
+    parts += [f"{name}{value}" for name, value in sorted(variant.get("world", {}).items())]
     return "-".join([*parts, *(f"{name}{variant[name]}" for name in _NUMBERS if name in variant)])
 
 

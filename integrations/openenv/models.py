@@ -33,6 +33,7 @@ class PhysmentState(State):
     """The state of an episode."""
 
     scene: int | None = None
+    world: str | None = None
     split: str | None = None
     index: int | None = None
     budget: int = 0

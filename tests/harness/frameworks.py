@@ -37,11 +37,16 @@ def installed(name: str, *packages: str) -> Path | None:
     python = folder / "bin" / "python"
     if python.exists():
         return python
-    newest = next(filter(None, map(shutil.which, _NEWEST_FIRST)), sys.executable)
+    newest = next(filter(_runs, _NEWEST_FIRST), sys.executable)
     if run(newest, "-m", "venv", folder) or run(python, "-m", "pip", "install", "--quiet", *packages):
         shutil.rmtree(folder, ignore_errors=True)
         return None
     return python
+
+
+def _runs(python: str) -> bool:
+    """Return whether an interpreter is installed. A shim of pyenv exists for a version that is not selected, too."""
+    return shutil.which(python) is not None and subprocess.run([python, "-c", ""], check=False).returncode == 0
 
 
 def tested(python: str | Path, *tests: str) -> int:

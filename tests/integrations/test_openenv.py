@@ -82,6 +82,16 @@ def test_the_last_action_of_the_budget_ends_the_episode(served: Served) -> None:
     assert (said["rewards"], said["outcome"]) == ([None] * 4 + [0.0], "budget_exhausted")
 
 
+def test_worlds_and_draws_from_a_curriculum_are_opened(served: Served) -> None:
+    of_level, drawn = served.played(
+        1, {"world": {"level": 1}, "index": 0}, {"curriculum": "c", "split": "train", "random_seed": 1}
+    )
+    assert of_level["state"]["world"] == "world:1:0"
+    assert (drawn["state"]["world"], drawn["state"]["split"]) == (None, "train@1")
+    window = httpx.get(f"{served.stand.referee}/curricula/c").json()
+    assert drawn["state"]["scene"] in window["steps"][0]
+
+
 def test_openenv_finds_the_package_and_the_running_server_valid(served: Served) -> None:
     for words in (["--url", served.url], [ROOT / "integrations" / "openenv", "--level", "static"]):
         done = served.stand.run("openenv", "validate", *words)

@@ -4,6 +4,7 @@ import json
 from collections.abc import Generator
 from typing import Any
 
+import httpx
 import pytest
 from starlette.applications import Starlette
 from starlette.requests import Request
@@ -65,6 +66,16 @@ def test_iterations_are_turns_and_end_the_episode(stand: Stand) -> None:
     check_same(stand.episodes()[23, 5, 4], ours)
     assert trace["stop_condition"] == "budget_exhausted"
     assert trace["rewards"]["laboratory"]["score"] == 0.0
+
+
+def test_worlds_and_draws_from_a_curriculum_are_opened(stand: Stand) -> None:
+    once, draws = ("--env.taskset.task.budget", "1"), ("--env.taskset.random_seeds", "1")
+    (trace,) = evaluated(stand, "world", *once, "--env.taskset.levels", "1", "--env.taskset.indices", "0")
+    assert (trace["task"]["key"], trace["info"]["physment"]["world"]) == ("level1-index0", "world:1:0")
+    (trace,) = evaluated(stand, "drawn", *once, *draws, "--env.taskset.split", "train", "--env.taskset.curriculum", "c")
+    assert trace["task"]["key"] == "c-train-random_seed1"
+    window = httpx.get(f"{stand.referee}/curricula/c").json()
+    assert trace["info"]["physment"]["scene"] in window["steps"][0]
 
 
 async def talk_then_answer(request: Request) -> Response:

@@ -37,6 +37,8 @@ class PhysmentEnvironment(Environment[PhysmentAction, PhysmentObservation, Physm
         split: str | None = None,
         index: int | None = None,
         random_seed: int | None = None,
+        world: dict[str, Any] | None = None,
+        curriculum: str | None = None,
         **_options: Any,
     ) -> PhysmentObservation:
         """Open an episode, and close the previous one.
@@ -50,13 +52,15 @@ class PhysmentEnvironment(Environment[PhysmentAction, PhysmentObservation, Physm
             split: Name of a split, such as `train`, from which the variant is taken.
             index: Index in the split.
             random_seed: Draws an index in the split.
+            world: Selects generated worlds instead of a scene, such as `{"level": 5}`.
+            curriculum: Name of a curriculum on the split or the worlds, which chooses the variant.
 
         Raises:
             RefereeError: The referee refused, or cannot be reached.
         """
         self.close()
-        place = {"split": split, "index": index, "random_seed": random_seed}
-        if scene is None and split is None:
+        place = {"split": split, "index": index, "random_seed": random_seed, "world": world, "curriculum": curriculum}
+        if scene is None and split is None and world is None:
             scene = _FIRST_SCENE
         opened = self._referee.open(scene, seed, budget=budget, prompting=prompting, **place)
         self._opened = opened
@@ -65,6 +69,7 @@ class PhysmentEnvironment(Environment[PhysmentAction, PhysmentObservation, Physm
             episode_id=episode_id or opened.episode_id,
             step_count=0,
             scene=opened.scene,
+            world=opened.world,
             split=opened.split,
             index=opened.index,
             budget=opened.budget,

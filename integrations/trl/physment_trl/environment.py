@@ -68,6 +68,7 @@ class LaboratoryEnvironment:
         split: str | None = None,
         index: int | None = None,
         random_seed: int | None = None,
+        curriculum: str | None = None,
         budget: int | None = 20,
         max_calls: int | None = 10000,
         prompting: str | None = "zero-shot",
@@ -82,6 +83,7 @@ class LaboratoryEnvironment:
             split: Name of a split, such as `train`, from which the variant is taken.
             index: Index in the split.
             random_seed: Draws an index in the split.
+            curriculum: Name of a curriculum on the split or the worlds, which chooses the variant.
             budget: Iterations that the prompt names; `max_tool_calling_iterations` of the trainer must be the same.
             max_calls: Tool calls after which the laboratory ends the episode.
             prompting: `zero-shot`, `one-shot-cot` or `few-shot-cot`.
@@ -95,7 +97,8 @@ class LaboratoryEnvironment:
         played = {"budget": budget, "max_calls": max_calls, "prompting": prompting}
         # A dataset fills the keys that other rows have with None, in nested columns, too.
         world = {name: value for name, value in (world or {}).items() if value is not None}
-        wanted = {**named, "world": world or None, **played}
+        of_worlds = bool(world) or (curriculum is not None and split is None)
+        wanted = {**named, "world": world if of_worlds else None, "curriculum": curriculum, **played}
         self._episode = self._open({name: value for name, value in wanted.items() if value is not None})
         return self._episode.prompt
 

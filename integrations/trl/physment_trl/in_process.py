@@ -41,9 +41,7 @@ class InProcessPhysMent(LaboratoryEnvironment):
 
 
 def _variant(wanted: dict[str, Any]) -> tuple[int, int]:
-    named = {
-        name: wanted[name] for name in ("scene", "seed", "world", "split", "index", "random_seed") if name in wanted
-    }
+    named = {name: value for name, value in wanted.items() if name not in {"budget", "max_calls", "prompting"}}
     match named:
         case {"scene": scene, **rest} if rest.keys() <= {"seed"}:
             return scene, rest.get("seed", 0)

@@ -26,14 +26,16 @@ class PhysmentData(vf.TaskData):
 
     scene: int | None = None
     seed: int | None = None
+    world: dict[str, Any] | None = None
     split: str | None = None
     index: int | None = None
     random_seed: int | None = None
+    curriculum: str | None = None
 
     @property
     def variant(self) -> dict[str, Any]:
         """The variant, as the arguments of `Referee.open`."""
-        return self.model_dump(include={"scene", "seed", "split", "index", "random_seed"}, exclude_none=True)
+        return self.model_dump(include=set(PhysmentData.__annotations__), exclude_none=True)
 
 
 class PhysmentTaskConfig(vf.TaskConfig):
@@ -67,7 +69,12 @@ class PhysmentTask(vf.Task[PhysmentData, LaboratoryState, PhysmentTaskConfig]):
         state.mcp_url, state.player_token = opened.mcp_url, opened.player_token
         state.prompt = opened.prompt
         state.tools = [_described(tool) for tool in opened.tools]
-        trace.info["physment"] = {"scene": opened.scene, "split": opened.split, "index": opened.index}
+        trace.info["physment"] = {
+            "scene": opened.scene,
+            "world": opened.world,
+            "split": opened.split,
+            "index": opened.index,
+        }
 
     @vf.stop
     async def answered(self, trace: vf.Trace) -> bool:
@@ -133,10 +140,14 @@ class PhysmentConfig(vf.TasksetConfig):
     """Ids and ranges of seeds (1); every scene comes with each."""
     split: str = ""
     """A split, such as `train`, whose variants the following name."""
+    levels: str = ""
+    """Levels of generated worlds, such as `1-3`, instead of scenes; the following name the worlds of each level."""
     indices: str = ""
-    """Places in the split, such as `0-99`."""
+    """Indices in the split or the level, such as `0-99`."""
     random_seeds: str = ""
-    """Numbers such as `1-100`, each of which draws a place in the split."""
+    """Numbers such as `1-100`, each of which draws an index in the split or the level."""
+    curriculum: str = ""
+    """A name: `random_seeds` then draw from the referee's curriculum of this name on the split, or on worlds."""
     pairs: Path | None = None
     """A file with a line such as {"scene": 7, "seed": 3} or {"split": "train", "index": 0} for each episode, instead of
     all these."""
@@ -144,18 +155,20 @@ class PhysmentConfig(vf.TasksetConfig):
 
 
 class PhysmentTaskset(vf.Taskset[PhysmentTask, PhysmentConfig]):
-    """Variants: pairs of a scene and a seed, or indices in a split."""
+    """Variants: pairs of a scene and a seed, indices in a split or among worlds, or draws from a curriculum."""
 
     def load(self) -> Iterator[PhysmentTask]:
         """Return the tasks. The laboratory writes their prompts when they are set up."""
         config = self.config
         named = read_variants(
-            config.scenes or ("" if config.split else "7"),
+            config.scenes or ("" if config.split or config.levels or config.curriculum else "7"),
             config.seeds,
             config.pairs,
             split=config.split,
+            levels=config.levels,
             indices=config.indices,
             random_seeds=config.random_seeds,
+            curriculum=config.curriculum,
         )
         for variant in named:
             yield PhysmentTask(PhysmentData(name=name_of(variant), prompt=None, **variant), config.task)

@@ -32,6 +32,7 @@ class PhysmentVariant(BaseModel):
 
     scene: int | None = None
     seed: int | None = None
+    world: dict[str, Any] | None = None
     split: str | None = None
     index: int | None = None
     random_seed: int | None = None

@@ -31,7 +31,8 @@ def row(opened: OpenedEpisode, variant: dict[str, Any]) -> dict[str, Any]:
         for tool in opened.tools
     ]
     asked = {"input": [{"role": "user", "content": opened.prompt}], "tools": tools, "parallel_tool_calls": False}
-    named = {"split": opened.split, "index": opened.index} if opened.split else variant
+    drawn = {name: value for name, value in variant.items() if name not in {"scene", "seed", "random_seed"}}
+    named = {**drawn, "split": opened.split, "index": opened.index} if opened.split else variant
     return {"responses_create_params": asked, "verifier_metadata": {**named, "budget": opened.budget}}
 
 
@@ -41,8 +42,9 @@ def main() -> int:
     parser.add_argument("--scenes", default="", help="ids and ranges such as 7,21-30")
     parser.add_argument("--seeds", default="", help="ids and ranges (default 1)")
     parser.add_argument("--split", default="", help="a split, such as train, whose variants the following name")
-    parser.add_argument("--indices", default="", help="places in the split, such as 0-99")
-    parser.add_argument("--random-seeds", default="", help="numbers such as 1-100; each draws a place in the split")
+    parser.add_argument("--levels", default="", help="levels of generated worlds, such as 1-3, instead of scenes")
+    parser.add_argument("--indices", default="", help="indices in the split or the level, such as 0-99")
+    parser.add_argument("--random-seeds", default="", help="numbers such as 1-100; each draws an index")
     parser.add_argument(
         "--pairs",
         type=Path,
@@ -52,7 +54,12 @@ def main() -> int:
     args = parser.parse_args()
     referee = Referee.from_environment()
     try:
-        places = {"split": args.split, "indices": args.indices, "random_seeds": args.random_seeds}
+        places = {
+            "split": args.split,
+            "levels": args.levels,
+            "indices": args.indices,
+            "random_seeds": args.random_seeds,
+        }
         for variant in read_variants(args.scenes, args.seeds, args.pairs, **places):
             opened = referee.open(**variant, budget=args.budget)
             referee.close(opened.episode_id, opened.owner_token)
