@@ -46,7 +46,10 @@ def installed(name: str, *packages: str) -> Path | None:
 
 def _runs(python: str) -> bool:
     """Return whether an interpreter is installed. A shim of pyenv exists for a version that is not selected, too."""
-    return shutil.which(python) is not None and subprocess.run([python, "-c", ""], check=False).returncode == 0
+    return (
+        shutil.which(python) is not None
+        and not subprocess.run([python, "-c", ""], capture_output=True, check=False).returncode
+    )
 
 
 def tested(python: str | Path, *tests: str) -> int:
