@@ -209,7 +209,10 @@ class _TakerPlayer:
         }
 
     def _fitted(self, asked: ToolCall) -> ToolCall:
-        """Return the answer by the best-fitting law that the taker knows; `asked` itself if the pack fits no family."""
+        """Return the answer by the best-fitting law that the taker knows; `asked` itself if the pack fits no family.
+
+        The answer states the law that the protocol inferred only if the taker knows it.
+        """
         if self.rivals is None:
             return asked
         try:
@@ -218,7 +221,10 @@ class _TakerPlayer:
             raise AgentError(f"no law can be fitted: {error!r}") from error
         known = _known(sorted(fits, key=lambda name: self._source("law", name)), fits, self.handicap.law)
         best = min(known, key=lambda name: fits[name].chi_square)
-        return ToolCall(tool=ANSWER, arguments={**asked.arguments, "answer": cast("Any", fits[best].answer)})
+        arguments = {**asked.arguments, "answer": cast("Any", fits[best].answer)}
+        if best != min(fits, key=lambda name: fits[name].chi_square):
+            arguments.pop("law", None)
+        return ToolCall(tool=ANSWER, arguments=arguments)
 
     def _source(self, kind: str, which: object) -> float:
         """Return a reproducible random number between 0 and 1 for a call or a law."""

@@ -11,7 +11,7 @@ from evaluator.certify.verify import MemoryConnector
 from evaluator.episode.loop import play_episode
 from evaluator.episode.player import Feedback, Reply
 from evaluator.errors import AgentError, UsageError
-from evaluator.records.episode import Episode, Exchange
+from evaluator.records.episode import Episode, Exchange, ToolCall
 from evaluator.study.participants import participants_of
 from evaluator.study.run_config import RunConfig
 from scenes import default_folder
@@ -102,6 +102,13 @@ async def test_a_taker_answers_by_the_best_law_that_it_knows() -> None:
         assert await answered(law, rivals=fits) == best
     # A scene without a family is played as the reference plays it.
     assert await answered("wrong-law") == [2.0] * PUSHES
+
+
+def test_a_taker_that_does_not_know_the_inferred_law_states_none() -> None:
+    asked = ToolCall(tool="answer", arguments={"answer": 1.0, "law": {"ax_1": "0"}})
+    for handicap, states in (("wrong-law", False), ("calls-3", True)):
+        taker = player(handicap, rivals=fits)
+        assert ("law" in taker._fitted(asked).arguments) is states
 
 
 async def test_a_protocol_that_needs_more_readings_is_answered_by_the_best_fit_if_the_scene_has_a_family() -> None:
