@@ -2,7 +2,7 @@
 
 import math
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 
@@ -17,7 +17,7 @@ from evaluator.calibration.adaptive import AdaptiveTest, DifficultyTable
 from evaluator.commands.challenge_people import Challenge, Person, agreed, write_challenge
 from evaluator.commands.human_episode import play_on_page
 from evaluator.episode.connect import EpisodeConnector
-from evaluator.errors import InfrastructureError
+from evaluator.errors import InfrastructureError, StoreError
 from evaluator.records.episode import Choice, Episode, EpisodeKey, Verdict
 from evaluator.records.run import RunRecord
 from evaluator.scores.scoring import strict_verdict
@@ -28,6 +28,9 @@ AGENT = "human"
 """Name of the agent in the records; the same for every person."""
 TIME_OVER, ENDED = "the time was over", "the challenge was ended"
 """Reasons, besides the person's own decision, why an episode ended without an answer."""
+
+_RETRY_S = 2.0
+"""Time between two attempts to write to a run folder that cannot be written [s]."""
 
 Next = tuple[EpisodeKey, Choice | None]
 
@@ -85,6 +88,7 @@ class RunningChallenge:
     pages: dict[int, PageState] = field(default_factory=dict[int, PageState])
     """Number of a person → state of their page."""
     _writing: anyio.Lock = field(default_factory=anyio.Lock)
+    _ended: anyio.Event = field(default_factory=anyio.Event)
 
     def page_of(self, person: Person) -> PageState:
         """Create the page of a person."""
@@ -96,6 +100,7 @@ class RunningChallenge:
 
     def end(self) -> None:
         """End all running episodes, and start no further one."""
+        self._ended.set()
         for page in self.pages.values():
             page.close(ENDED)
 
@@ -105,7 +110,7 @@ class RunningChallenge:
         assert page.visitor is not None
         await page.agreement()
         if page.visitor.agreed:
-            self._start_clock(person, page.visitor)
+            await self._start_clock(person, page.visitor)
             async with anyio.create_task_group() as tasks:
                 tasks.start_soon(_end_in_time, page, page.visitor.ends_at)
                 await self._play_all(page, left, laboratory)
@@ -113,12 +118,35 @@ class RunningChallenge:
         page.end(Ending(self._farewell(page, page.visitor)))
         self.console.print(f"{page.visitor.code}: has finished", highlight=False)
 
-    def _start_clock(self, person: Person, visitor: Visitor) -> None:
+    async def _write(self, write: Callable[[], object]) -> None:
+        """Write to the run folder. While that fails, for example on a full disk, retry until the challenge is ended.
+
+        Raises:
+            StoreError: The folder could not be written until the end.
+        """
+        is_reported = False
+        while True:
+            try:
+                async with self._writing:
+                    await anyio.to_thread.run_sync(write, abandon_on_cancel=False)
+            except StoreError as error:
+                if self._ended.is_set():
+                    raise
+                if not is_reported:
+                    said = f"{error}; retrying until Ctrl-C, and no answer is lost before"
+                    self.console.print(said, highlight=False, markup=False, soft_wrap=True)
+                is_reported = True
+            else:
+                return
+            with anyio.move_on_after(_RETRY_S):
+                await self._ended.wait()
+
+    async def _start_clock(self, person: Person, visitor: Visitor) -> None:
         """Record the consent, and set the end of the person's time. Restarting the command does not extend the time."""
         spent_s = 0.0
         if person.agreed_at is None:
             self.challenge = self.challenge.changed(agreed(person))
-            write_challenge(self.folder, self.challenge)
+            await self._write(lambda: write_challenge(self.folder, self.challenge))
         else:
             spent_s = (datetime.now(UTC) - datetime.fromisoformat(person.agreed_at)).total_seconds()
         if self.challenge.minutes is not None:
@@ -163,10 +191,7 @@ class RunningChallenge:
             episode = await play_on_page(page, client, key, self.packs[key.scene], versions)
         if page.is_closed and not episode.turns:
             return Ending(ENDED)
-        async with self._writing:
-            await anyio.to_thread.run_sync(
-                self.folder.append_episode, episode.model_copy(update={"chosen": choice}), abandon_on_cancel=False
-            )
+        await self._write(lambda: self.folder.append_episode(episode.model_copy(update={"chosen": choice})))
         verdict = strict_verdict(episode, self.keys)
         left.add(key, verdict)
         assert page.visitor is not None

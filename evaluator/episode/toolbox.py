@@ -42,6 +42,16 @@ def first_problem(validator: Draft202012Validator, value: JsonValue) -> str:
     return f"{where + ': ' if where else ''}{problem.message[:_LONGEST]}"
 
 
+def arguments_problem(validator: Draft202012Validator, call: ToolCall) -> str:
+    """Explain why the arguments of a call do not fit the schema of its tool; empty if they fit."""
+    try:
+        json.dumps(call.arguments, allow_nan=False)
+    except ValueError:
+        return f"{call.tool}: the arguments must be JSON, without NaN or infinities"
+    problem = first_problem(validator, call.arguments)
+    return f"{call.tool}: {problem}" if problem else ""
+
+
 _SHOWN = 64
 """Largest number of characters quoted from an unknown tool name."""
 _Schemas = Mapping[str, Draft202012Validator]
@@ -64,12 +74,7 @@ class Toolbox:
         validator = self._arguments.get(call.tool)
         if validator is None:
             return f"there is no tool {call.tool[:_SHOWN]!r}"
-        try:
-            json.dumps(call.arguments, allow_nan=False)
-        except ValueError:
-            return f"{call.tool}: the arguments must be JSON, without NaN or infinities"
-        problem = first_problem(validator, call.arguments)
-        return f"{call.tool}: {problem}" if problem else ""
+        return arguments_problem(validator, call)
 
     async def run(self, client: Client, call: ToolCall) -> types.CallToolResult:
         """Run a call on the server, and validate its result unless the server is trusted.

@@ -16,7 +16,7 @@ from evaluator.agents.browser.cards import Ending, Visitor
 from evaluator.agents.human import Left, refuse_commas
 from evaluator.episode.player import ANSWER, Briefing, Feedback, Reply
 from evaluator.episode.protocols.typed import TypingError
-from evaluator.episode.toolbox import first_problem, joined, schema_validator, view_in
+from evaluator.episode.toolbox import arguments_problem, joined, schema_validator, view_in
 from evaluator.errors import RefusedRequest
 from evaluator.records.episode import EpisodeKey, Exchange, ToolCall
 from physment_mcp.contract.last_read import Reading, read_after
@@ -141,9 +141,8 @@ class PageState:
         for call in calls:
             if call.tool not in schemas:
                 raise RefusedRequest(400, f"there is no tool {call.tool[:64]!r}")
-            problem = first_problem(schema_validator(schemas[call.tool]), call.arguments)
-            if problem:
-                raise RefusedRequest(400, f"{call.tool}: {problem}")
+            if problem := arguments_problem(schema_validator(schemas[call.tool]), call):
+                raise RefusedRequest(400, problem)
         try:
             refuse_commas(calls)
         except TypingError as error:

@@ -252,6 +252,40 @@ def test_a_restart_goes_on_with_the_same_links_and_what_was_played_stays_played(
     assert [(key.epoch, key.scene, key.seed) for key in keys_in(tmp_path)] == [(2, 7, 1), (2, 8, 1), (1, 7, 0)]
 
 
+def test_an_answer_is_recorded_once_the_folder_can_be_written_again(tmp_path: Path, host_url: str) -> None:
+    with running(tmp_path, host_url, "--people", "2", "--scenes", "7") as challenge:
+        people = [challenge.person("01"), challenge.person("02")]
+        for person in people:
+            person.agree()
+            person.state(waiting=True)
+        (tmp_path / "run").rename(tmp_path / "away")
+        for person in people:
+            assert person.post("turn", calls=[answer(1)], note="").status_code == 204
+        assert challenge.process.stdout is not None
+        said = iter(challenge.process.stdout.readline, "")
+        assert "cannot be written" in next(line for line in said if "retrying" in line)
+        assert people[0].http.get("state").json()["ended"] is None
+        (tmp_path / "away").rename(tmp_path / "run")
+        for person in people:
+            assert "That was all" in person.state(waiting=False, end=END)["ended"]
+        challenge.process.communicate(timeout=300)
+        assert challenge.process.returncode == 0
+    assert sorted(key.epoch for key in keys_in(tmp_path)) == [1, 2]
+
+
+def test_calls_that_are_no_json_are_refused_and_the_page_stays(tmp_path: Path, host_url: str) -> None:
+    with running(tmp_path, host_url, "--people", "1", "--scenes", "7") as challenge:
+        person = challenge.person("01")
+        person.agree()
+        person.state(waiting=True)
+        for number in ("NaN", "Infinity", "1e999"):
+            turn = f'{{"calls": [{{"tool": "step", "arguments": {{"duration": {number}}}}}]}}'
+            refused = person.http.post("turn", content=turn)
+            assert refused.status_code == 400
+            assert refused.json() == {"error": "step: the arguments must be JSON, without NaN or infinities"}
+        assert person.state(waiting=True)["turns"] == []
+
+
 def test_the_data_of_a_person_are_deleted_by_one_command(
     tmp_path: Path, host_url: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
