@@ -14,8 +14,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from scenes.fitting import Array, chi_square, polished, refined
-from scenes.integration import advanced
+from scenes.fitting import Array, advanced, chi_square, polished, refined
 from scenes.protocol import AnswerValue, Call, Exchanges, Reading
 
 Knobs = Mapping[str, Any]

@@ -1,26 +1,32 @@
-"""`physment-eval [run]`: plays the matrix, grades it and writes the report; `--dry-run` prints an estimate instead."""
+"""`physment-eval [run]`: plays the matrix, grades it and writes the report; `--dry-run` prints an estimate instead.
+
+Seeds that no certificate covers are checked before they are played.
+"""
 
 import argparse
 import sys
 from collections import Counter
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Generator, Iterable, Iterator, Sequence
+from contextlib import contextmanager
+from itertools import count
 
 from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
 from evaluator.answers.keys import KeyRing
 from evaluator.certify.records import engine_note
+from evaluator.certify.seed_proofs import SeedProver, Variant
 from evaluator.commands.adaptive import adaptive_config
-from evaluator.commands.base import Commands
+from evaluator.commands.base import Commands, run_async
 from evaluator.commands.playing import PreparedRun, create_folder, play_run
-from evaluator.commands.proving import prove_seeds
 from evaluator.commands.run_options import add_options, read_options
 from evaluator.commands.telemetry import require_otel
 from evaluator.errors import UsageError
 from evaluator.records.episode import EpisodeKey
-from evaluator.records.run import AdaptivePlan, Plan
+from evaluator.records.run import SEED_SHIFT, AdaptivePlan, Plan, SeedProofs
 from evaluator.study.participants import participants_of
 from evaluator.study.ray_executor import require_ray
-from evaluator.study.run_config import Meter
+from evaluator.study.run_config import Meter, RunConfig
 from evaluator.study.shards import WHOLE, Shard
 from scenes import USUAL_TIMESTEP_S, PackError, PackFiles, default_folder, timestep_of
 
@@ -144,11 +150,96 @@ def _timestep_notes(packs: Iterable[PackFiles]) -> Iterator[str]:
         counts = Counter(timestep_of(files) for files in packs if files.mjcf.is_file())
     except PackError as error:
         raise UsageError(str(error)) from error
-    for step, count in sorted(counts.items()):
+    for step, number in sorted(counts.items()):
         if step != USUAL_TIMESTEP_S:
-            scenes = "1 scene runs" if count == 1 else f"{count} scenes run"
+            scenes = "1 scene runs" if number == 1 else f"{number} scenes run"
             command = f"physment-mcp --timestep {USUAL_TIMESTEP_S:g} --scenes-dir DIR --scene {{scene}} --seed {{seed}}"
             yield (
                 f"{scenes} with the time step of the model, {step:g} s; the paper has {USUAL_TIMESTEP_S:g} s. To force"
                 f" it: --server '{command}'"
             )
+
+
+_NAMED = 3
+"""Largest number of seeds that a refusal names."""
+
+
+def prove_seeds(config: RunConfig, plan: Plan) -> tuple[Plan, SeedProofs]:
+    """Check the seeds of a plan that no certificate covers.
+
+    A seed that fails is replaced, unless the operator named it.
+
+    Args:
+        config: The configuration of the run.
+        plan: Its episodes.
+
+    Returns:
+        The plan with replaced seeds, and the entry about the proofs for the record of the run.
+
+    Raises:
+        UsageError: A seed that the operator named fails, or there is no seed left to replace another one.
+    """
+    prover = SeedProver(config.packs, config.scenes_dir, config.seed_of, plan.held_back, skip=config.unproved)
+    wanted = list(dict.fromkeys((key.scene, key.seed) for key in plan.matrix()))
+    if any(prover.needs_proof(*variant) for variant in wanted):
+        replaced = run_async(lambda: _replaced(prover, config, wanted))
+        plan = plan.model_copy(update={"replaced": replaced})
+    return plan, prover.record((key.scene, key.seed) for key in plan.matrix())
+
+
+async def _replaced(prover: SeedProver, config: RunConfig, wanted: Sequence[Variant]) -> dict[str, dict[int, int]]:
+    """Check variants; return, for each scene, each failed seed with the seed that replaces it.
+
+    Raises:
+        UsageError: There is no seed left to replace one that fails.
+    """
+    packs = {files.scene_id: files for files in config.packs}
+    taken, stands_for = set(wanted), dict(zip(wanted, wanted, strict=True))
+    replaced: dict[str, dict[int, int]] = {}
+    todo = [variant for variant in wanted if prover.needs_proof(*variant)]
+    with _progress() as bar:
+        while todo:
+            task = bar.add_task("", total=len(todo))
+            variants = [(packs[scene], seed) for scene, seed in todo]
+            failed = await prover.prove(variants, lambda _proof, task=task: bar.advance(task))
+            todo, refused = list[Variant](), list[str]()
+            for (scene, seed), proof in failed.items():
+                first = stands_for[scene, seed]
+                other = next((spare for spare in _spare(config, first[1]) if (scene, spare) not in taken), None)
+                if other is None:
+                    refused.append(proof.sentence(scene))
+                    continue
+                print(f"physment-eval: {proof.sentence(scene)}; seed {other} takes its place", file=sys.stderr)
+                taken.add((scene, other))
+                stands_for[scene, other] = first
+                replaced.setdefault(str(scene), {})[first[1]] = other
+                todo += [(scene, other)] if prover.needs_proof(scene, other) else []
+            if refused:
+                raise UsageError(_refusal(refused))
+    return replaced
+
+
+@contextmanager
+def _progress() -> Generator[Progress]:
+    console = Console(stderr=True)
+    said = "proving seeds that no certificate covers (--unproved skips this)"
+    if not console.is_terminal:
+        print(f"physment-eval: {said}", file=sys.stderr)
+    columns = (TextColumn(said), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), TimeRemainingColumn())
+    with Progress(*columns, console=console, disable=not console.is_terminal, transient=True) as bar:
+        yield bar
+
+
+def _spare(config: RunConfig, seed: int) -> Iterable[int]:
+    """Seeds that may replace a failed seed, in order; none if the operator named it."""
+    if seed in config.seeds:
+        return config.spare_seeds
+    # At each further repetition, an external program plays other seeds, which the operator did not name.
+    shift = next(SEED_SHIFT * number for number in count(1) if seed - SEED_SHIFT * number in config.seeds)
+    return range(max(config.seeds) + 1 + shift, SEED_SHIFT + shift)
+
+
+def _refusal(sentences: Sequence[str]) -> str:
+    more = f"; {len(sentences) - _NAMED} more cannot" if len(sentences) > _NAMED else ""
+    them = "it" if len(sentences) == 1 else "them"
+    return f"{'; '.join(sentences[:_NAMED])}{more}: leave {them} out of --seeds, or give --unproved to play {them}"

@@ -31,7 +31,7 @@ from evaluator.episode.local_host import HostSockets, start_host
 from evaluator.episode.passed_sockets import AVAILABLE, ControlSocket
 from evaluator.episode.toolbox import Toolboxes
 from evaluator.errors import EvaluatorError, InfrastructureError, PermanentFailure, ServerFull, UsageError
-from evaluator.records.seed_key import SeedOf, seed_as_recorded
+from evaluator.records.run import SeedOf, seed_as_recorded
 
 _CALL_TIMEOUT_S = 300.0
 """A call that takes longer counts as a failure of the server [s]."""

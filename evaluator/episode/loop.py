@@ -20,9 +20,8 @@ from pydantic import JsonValue
 
 from evaluator.episode.connect import EpisodeConnector
 from evaluator.episode.player import ANSWER, Agent, Briefing, Feedback, Player, Reply, as_text, bounded
-from evaluator.episode.spans import call_span, end_call, turn_span
 from evaluator.episode.toolbox import Toolbox, Toolboxes
-from evaluator.episode.underway import note_call, note_turn
+from evaluator.episode.tracing import call_span, end_call, note_call, note_turn, turn_span
 from evaluator.errors import AgentError, InfrastructureError
 from evaluator.records.episode import (
     UNREAD,

@@ -13,8 +13,7 @@ import anyio
 
 from evaluator.episode.connect import EpisodeConnector
 from evaluator.episode.loop import Participant
-from evaluator.episode.spans import end_episode, episode_span
-from evaluator.episode.underway import UNDERWAY, Underway
+from evaluator.episode.tracing import UNDERWAY, Underway, end_episode, episode_span
 from evaluator.errors import InfrastructureError, PermanentFailure
 from evaluator.records.episode import Episode, EpisodeKey, Outcome, Usage, Versions, total_usage
 from evaluator.records.run import RunningEpisode, RunningEpisodes

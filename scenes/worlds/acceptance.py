@@ -18,7 +18,6 @@ from scenes.fitting import Array
 from scenes.worlds.answering import answers, answers_without_parts, gradients
 from scenes.worlds.asking import drawn, nearby
 from scenes.worlds.candidates import Fit
-from scenes.worlds.confusion import mistakable
 from scenes.worlds.drawing import draw_constants, draw_structure
 from scenes.worlds.experiment import SEARCH_S, Situation, laws_of_fit, on_unit, retraced, simulated
 from scenes.worlds.levels import Difficulty
@@ -26,7 +25,7 @@ from scenes.worlds.parts import Apparatus
 from scenes.worlds.predictions import on_course
 from scenes.worlds.questions import Question, tolerance
 from scenes.worlds.refits import Refits, constants_of, units_of
-from scenes.worlds.rivals import rival_of
+from scenes.worlds.rivals import mistakable, rival_of
 from scenes.worlds.search import Search
 from scenes.worlds.terms import Structure
 from scenes.worlds.weak_form import Legs

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from scenes import integration
+from scenes.fitting import advanced
 from scenes.worlds.law_texts import ODO_RATE, WALL, swapped
 from scenes.worlds.parts import Apparatus
 from scenes.worlds.straight_line import Program
@@ -192,7 +192,7 @@ def moved(
         lasting: Duration [s]; a number, or an array of trials.
         longest_s: Longest step of the integration [s].
     """
-    return integration.advanced(rates(constants, controls), time, state, lasting, longest_s)
+    return advanced(rates(constants, controls), time, state, lasting, longest_s)
 
 
 def followed(

@@ -19,8 +19,7 @@ from typing import Any, cast
 import numpy as np
 
 from scenes.courses import Course
-from scenes.fitting import Array
-from scenes.integration import advanced
+from scenes.fitting import Array, advanced
 from scenes.worlds.drawing import searched
 from scenes.worlds.equations import rates_of
 from scenes.worlds.experiment import SEARCH_S, Situation

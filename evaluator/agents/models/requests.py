@@ -22,7 +22,7 @@ from pydantic_ai.settings import ModelSettings, merge_model_settings
 
 from evaluator.agents.models.clients import NOTHING, Offer
 from evaluator.agents.models.lanes import Lane, Patience
-from evaluator.episode.spans import are_recorded
+from evaluator.episode.tracing import are_recorded
 from evaluator.errors import AgentError, EvaluatorError, InfrastructureError, PermanentFailure
 
 _DETAIL = 300

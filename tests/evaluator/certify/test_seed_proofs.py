@@ -10,11 +10,10 @@ from evaluator.answers.keys import KeyRing
 from evaluator.certify.records import SceneCertificate, certificates_of, check, write_certificates
 from evaluator.certify.seed_proofs import SeedProver, prove
 from evaluator.commands.program import main
-from evaluator.commands.proving import prove_seeds
+from evaluator.commands.run import prove_seeds
 from evaluator.episode.connect import HostConnector
 from evaluator.errors import RefusedRequest, UsageError
-from evaluator.records.run import Plan, RunRecord, ServerRecord
-from evaluator.records.seed_key import SeedKey
+from evaluator.records.run import Plan, RunRecord, SeedKey, ServerRecord
 from evaluator.referee.contract import WantedEpisode
 from evaluator.referee.episodes import Referee
 from evaluator.referee.requests import app

@@ -15,7 +15,7 @@ from evaluator.commands.program import main
 from evaluator.episode.connect import HostConnector, ProcessConnector
 from evaluator.errors import InfrastructureError
 from evaluator.records.episode import Verdict
-from evaluator.records.seed_key import SeedKey
+from evaluator.records.run import SeedKey
 from evaluator.store.run_folder import RunFolder
 
 KEY = "0f" * 32

@@ -19,7 +19,7 @@ from pydantic import JsonValue
 
 from evaluator.answers.keys import KeyRing
 from evaluator.commands.program import main
-from evaluator.episode.underway import UNDERWAY, note_call, note_turn
+from evaluator.episode.tracing import UNDERWAY, note_call, note_turn
 from evaluator.records.episode import Episode, EpisodeKey, Outcome, Usage
 from evaluator.records.run import Plan, RunRecord, ServerRecord
 from evaluator.store import durable

@@ -11,7 +11,6 @@ from scenes.errors import WorldError
 from scenes.worlds.answering import answers, crossing
 from scenes.worlds.asking import drawn, nearby
 from scenes.worlds.catalogue import FORMS, forms_of
-from scenes.worlds.confusion import mistakable
 from scenes.worlds.drawing import draw_constants, draw_structure, options_with
 from scenes.worlds.experiment import Situation
 from scenes.worlds.levels import GRAMMAR, KINDS, difficulty_of
@@ -20,6 +19,7 @@ from scenes.worlds.parts import Apparatus
 from scenes.worlds.questions import Question, tolerance
 from scenes.worlds.records import WorldRecord
 from scenes.worlds.refits import Refits
+from scenes.worlds.rivals import mistakable
 from scenes.worlds.tasks import task_of
 from scenes.worlds.terms import Structure, Term
 

@@ -1,12 +1,16 @@
-"""OpenTelemetry spans of episodes, turns and calls. Nothing is recorded unless an exporter is configured.
+"""What observers see of a running episode: OpenTelemetry spans, and its current turn and call for displays.
 
-Attribute names follow the semantic conventions for GenAI and MCP; other names begin with `physment.`. Spans hold names,
-numbers and error types. They never hold a prompt, an argument, a result, an answer or an error message, because an
-error message could quote one of these.
+Spans of episodes, turns and calls are recorded only if an exporter is configured. Their attribute names follow the
+semantic conventions for GenAI and MCP; other names begin with `physment.`. Spans hold names, numbers and error types.
+They never hold a prompt, an argument, a result, an answer or an error message, because an error message could quote one
+of these.
 """
 
 import contextlib
+import time
 from collections.abc import Generator, Mapping
+from contextvars import ContextVar
+from dataclasses import dataclass, field
 
 from opentelemetry.trace import Span, SpanKind, StatusCode, get_current_span, get_tracer
 
@@ -84,3 +88,38 @@ def are_recorded() -> bool:
 def _fail(span: Span, kind: str) -> None:
     span.set_attribute("error.type", kind)
     span.set_status(StatusCode.ERROR)
+
+
+@dataclass(slots=True)
+class Underway:
+    """State of a running episode for displays. It changes during play and is not recorded."""
+
+    key: EpisodeKey
+    turn: int = 0
+    """Number of the present turn, from 1; 0 before the first one, and if another process plays the episode."""
+    call: str = ""
+    """Name of the last tool that was called; empty before the first call."""
+    began_at: float = field(default_factory=time.monotonic)
+    """Time of its beginning on the monotonic clock [s]."""
+
+
+UNDERWAY: ContextVar[Underway | None] = ContextVar("UNDERWAY", default=None)
+"""The episode that the present task plays; None if no display needs it."""
+
+
+def note_turn(number: int) -> None:
+    """Record that a turn begins.
+
+    Args:
+        number: Number of the turn, from 1.
+    """
+    present = UNDERWAY.get()
+    if present is not None:
+        present.turn = number
+
+
+def note_call(tool: str) -> None:
+    """Record that a tool is called."""
+    present = UNDERWAY.get()
+    if present is not None:
+        present.call = tool
