@@ -71,6 +71,28 @@ export class Bench {
     this.label();
   }
 
+  /** Whether a tool can be used now. */
+  offers(name: string): boolean {
+    return this.isOpen && this.usable.some((tool) => tool.name === name);
+  }
+
+  /**
+   * Fill in the form of a tool, and send nothing.
+   *
+   * @param name - Which tool.
+   * @param values - Name of a field → what it holds.
+   */
+  fill(name: string, values: Record<string, string>): void {
+    const [group] = GROUPS.find(([, pattern]) => pattern.test(name))!;
+    this.groups.querySelector<HTMLInputElement>(`[value="${group}"]`)?.click();
+    this.tools.querySelector<HTMLInputElement>(`[value="${name}"]`)?.click();
+    for (const [field, value] of Object.entries(values)) {
+      const input = this.fields.querySelector<HTMLInputElement | HTMLSelectElement>(`[name="${field}"]`);
+      if (input) input.value = value;
+    }
+    this.label();
+  }
+
   /** Let nobody run anything. */
   shut(): void {
     this.isOpen = false;

@@ -38,6 +38,11 @@ export interface Drawing {
   schematic?: Course[];
 }
 
+/** Which bodies are drawn; the camera may stay while they are the same. */
+export function bodyIds(drawing: Drawing): string {
+  return drawing.bodies.map((body) => body.id).join(" ");
+}
+
 /** Position [m] and orientation: x, y, z, qw, qx, qy, qz. */
 export type Pose = [number, number, number, number, number, number, number];
 

@@ -1,11 +1,14 @@
 /** The laboratory as a three-dimensional picture: bodies at their poses, seen by a camera that a person can move. */
 
-import { Group, PCFShadowMap, PerspectiveCamera, Raycaster, Scene, Vector2, Vector3, WebGLRenderer } from "three";
+import { Group, PCFShadowMap, PerspectiveCamera, Scene, Vector3, WebGLRenderer } from "three";
 import { OrbitControls } from "three/addons/controls/OrbitControls.js";
 
-import type { Drawing, Poses, Readings, Triple } from "./drawing.js";
+import { bodyIds, type Drawing, type Poses, type Readings, type Triple } from "./drawing.js";
+import { ForceDrag } from "./force_drag.js";
 import { type Camera, cameraFor, FIELD, FORWARD, topOf } from "./framing.js";
+import { orbitBy } from "./orbiting.js";
 import { Overlay } from "./overlay.js";
+import { middleOf, objectAt } from "./picking.js";
 import { bodyGroup, dispose } from "./shapes.js";
 import { unseenOf } from "./sketch.js";
 import { Stage } from "./stage.js";
@@ -15,7 +18,6 @@ import { readingInWords } from "./words.js";
 const ENDLESS = 12;
 /** Objects that get labels; with more of them, only the one that is pointed at. */
 const MOST_LABELS = 30;
-const TURN = Math.PI / 24;
 
 export interface LabViewOptions {
   /** Light lines on dark ground, and the other way round by default. */
@@ -50,17 +52,17 @@ export class LabView {
   private marks: Triple[] = [];
   private read: Readings = {};
   private hover: OnHover | null = null;
+  /** Lets people draw forces, once it has rules. */
+  readonly forces: ForceDrag;
   private pointed: string | null = null;
   private waiting = 0;
   private dark: boolean;
-  private readonly names: (id: string) => string;
 
   constructor(
     private readonly container: HTMLElement,
-    { dark = false, reducedMotion = false, names = (id) => id }: LabViewOptions = {},
+    private readonly options: LabViewOptions = {},
   ) {
-    this.names = names;
-    this.dark = dark;
+    this.dark = options.dark ?? false;
     this.renderer = new WebGLRenderer({ antialias: true, alpha: true });
     this.renderer.shadowMap.enabled = true;
     this.renderer.shadowMap.type = PCFShadowMap;
@@ -71,8 +73,20 @@ export class LabView {
     if (container.tabIndex < 0) container.tabIndex = 0;
     container.append(this.renderer.domElement, this.overlay.element);
     this.controls = new OrbitControls(this.camera, this.renderer.domElement);
-    this.controls.enableDamping = !reducedMotion;
+    this.controls.enableDamping = options.reducedMotion !== true;
     this.controls.addEventListener("change", () => this.draw());
+    this.forces = new ForceDrag(
+      {
+        element: this.renderer.domElement,
+        camera: this.camera,
+        layer: this.overlay.forces,
+        hit: (x, y) => this.hit(x, y),
+        middle: (id) => middleOf(id, this.world, this.read),
+        seen: (point) => this.seen(point),
+        hold: (held) => (this.controls.enabled = !held),
+      },
+      this.ends.signal,
+    );
     this.listen();
     this.watched = new ResizeObserver(() => this.resize());
     this.watched.observe(container);
@@ -85,7 +99,7 @@ export class LabView {
    * @param steady - Whether the camera stays in any case.
    */
   setDrawing(drawing: Drawing, steady = false): void {
-    const same = namesOf(drawing) === namesOf(this.drawing);
+    const same = bodyIds(drawing) === bodyIds(this.drawing);
     this.drawing = drawing;
     if (!same && !steady) this.framed = null;
     this.rebuild();
@@ -182,9 +196,13 @@ export class LabView {
     return objects.length <= MOST_LABELS ? objects : objects.filter((id) => id === this.pointed);
   }
 
+  private nameOf(id: string): string {
+    return this.options.names?.(id) ?? id;
+  }
+
   private labels(): Map<string, string> {
-    const unseen = unseenOf(this.drawing, this.read).map(([id, read]) => [id, `${this.names(id)}\n${readingInWords(read)}`] as const);
-    return new Map([...this.labelled().map((id) => [id, this.names(id)] as const), ...unseen]);
+    const unseen = unseenOf(this.drawing, this.read).map(([id, read]) => [id, `${this.nameOf(id)}\n${readingInWords(read)}`] as const);
+    return new Map([...this.labelled().map((id) => [id, this.nameOf(id)] as const), ...unseen]);
   }
 
   private rebuild(): void {
@@ -229,11 +247,13 @@ export class LabView {
       .map((body) => ({ id: body.id, at: new Vector3(...topOf(body, this.poses[body.id])) }));
     const unseen = unseenOf(this.drawing, this.read).map(([id, read]) => ({ id, at: new Vector3(...read.position) }));
     this.overlay.place(this.camera, [...labels, ...unseen], width, height, perPixel);
-    const seen = (point: Triple): [number, number] | null => {
-      const { x, y, z } = new Vector3(...point).project(this.camera);
-      return Math.abs(z) > 1 ? null : [((x + 1) / 2) * width, ((1 - y) / 2) * height];
-    };
-    this.overlay.sketch.draw(seen, this.drawing, this.poses, this.read);
+    this.overlay.sketch.draw((point) => this.seen(point), this.drawing, this.poses, this.read);
+  }
+
+  private seen(point: Triple): [number, number] | null {
+    const { x, y, z } = new Vector3(...point).project(this.camera);
+    const { clientWidth: width, clientHeight: height } = this.container;
+    return Math.abs(z) > 1 ? null : [((x + 1) / 2) * width, ((1 - y) / 2) * height];
   }
 
   private listen(): void {
@@ -253,12 +273,16 @@ export class LabView {
   }
 
   private point(x: number, y: number): void {
-    const { clientWidth: width, clientHeight: height } = this.container;
-    const ray = new Raycaster();
-    ray.setFromCamera(new Vector2((x / width) * 2 - 1, 1 - (y / height) * 2), this.camera);
-    const objects = new Set(this.objects());
-    const hit = ray.intersectObjects(this.world.children, true)[0]?.object.parent?.name ?? "";
-    this.pointAt(objects.has(hit) ? hit : null, x, y);
+    if (this.forces.isBusy) return this.pointAt(null, x, y);
+    const id = this.hit(x, y);
+    this.renderer.domElement.style.cursor = id !== null && this.forces.rules?.allows(id) ? "crosshair" : "";
+    this.pointAt(id, x, y);
+  }
+
+  private hit(x: number, y: number): string | null {
+    const { camera, world, container } = this;
+    const unseen = unseenOf(this.drawing, this.read);
+    return objectAt([x, y], { camera, world, container, objects: this.objects(), unseen, seen: (at) => this.seen(at) });
   }
 
   private pointAt(id: string | null, x: number, y: number): void {
@@ -268,30 +292,9 @@ export class LabView {
 
   private press(event: KeyboardEvent): void {
     if (event.target !== this.container || event.ctrlKey || event.altKey || event.metaKey) return;
-    const turn = { ArrowLeft: [-TURN, 0], ArrowRight: [TURN, 0], ArrowUp: [0, -TURN], ArrowDown: [0, TURN] }[event.key];
-    const zoom = { "+": 0.85, "=": 0.85, "-": 1 / 0.85 }[event.key];
-    if (turn) this.orbit(turn[0] ?? 0, turn[1] ?? 0, 1);
-    else if (zoom) this.orbit(0, 0, zoom);
+    if (orbitBy(event.key, this.camera, this.controls)) this.draw();
     else if (event.key === "0" && this.moments.length > 0) this.frame(this.moments, this.marks);
     else return;
     event.preventDefault();
   }
-
-  /** Move the camera round its target: about z, towards the pole, and by a factor of its distance. */
-  private orbit(round: number, down: number, factor: number): void {
-    const { target, minDistance, maxDistance } = this.controls;
-    const from = this.camera.position.clone().sub(target);
-    const distance = Math.min(Math.max(from.length() * factor, minDistance), maxDistance);
-    const polar = Math.min(Math.max(Math.acos(from.z / from.length()) + down, 0.02), Math.PI - 0.02);
-    const azimuth = Math.atan2(from.y, from.x) + round;
-    from.set(Math.sin(polar) * Math.cos(azimuth), Math.sin(polar) * Math.sin(azimuth), Math.cos(polar));
-    this.camera.position.copy(target).addScaledVector(from, distance);
-    this.controls.update();
-    this.draw();
-  }
-}
-
-/** What decides whether the camera may stay: which bodies are drawn. */
-function namesOf(drawing: Drawing): string {
-  return drawing.bodies.map((body) => body.id).join(" ");
 }

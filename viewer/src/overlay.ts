@@ -24,6 +24,9 @@ export interface Label {
 /** The layer over a picture; decoration, since the text alternative says the same. */
 export class Overlay {
   readonly element = document.createElement("div");
+  private readonly lines = document.createElementNS(SVG, "svg");
+  /** Lines above all labels. */
+  readonly forces = document.createElementNS(SVG, "svg");
   private readonly axes = document.createElementNS(SVG, "svg");
   private readonly bar = document.createElement("div");
   /** Lines and rings, in pixels. */
@@ -37,10 +40,10 @@ export class Overlay {
     this.axes.setAttribute("class", "lab-axes");
     this.axes.setAttribute("viewBox", "-40 -40 80 80");
     this.bar.className = "lab-scale";
-    const lines = document.createElementNS(SVG, "svg");
-    lines.setAttribute("class", "lab-sketch");
-    lines.append(this.sketch.element);
-    this.element.append(lines, this.axes, this.bar);
+    this.lines.setAttribute("class", "lab-sketch");
+    this.lines.append(this.sketch.element);
+    this.forces.setAttribute("class", "lab-sketch lab-forces");
+    this.element.append(this.lines, this.forces, this.axes, this.bar);
   }
 
   /** Set which objects have labels, and what they say. */

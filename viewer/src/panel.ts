@@ -1,6 +1,7 @@
 /** A view with all that a person needs around it: play and stop, a scrubber, readings, and the same in words. */
 
 import type { Body, Poses, Readings, Triple, View } from "./drawing.js";
+import type { ForceRules } from "./force_drag.js";
 import { LabView } from "./lab_view.js";
 import { canDraw, element } from "./markup.js";
 import { posesAt } from "./motion.js";
@@ -33,7 +34,7 @@ export class LabPanel {
   private pointed: string | null = null;
   private readonly box = element("div", { class: "lab-box", role: "img", tabindex: "0" });
   private readonly tip = element("div", { class: "lab-tip", hidden: "" });
-  private readonly note = element("p", { class: "lab-note", hidden: "" });
+  private readonly note = element("p", { class: "lab-note", role: "status", hidden: "" });
   private readonly play = element("button", { type: "button", class: "lab-play" });
   private readonly scrub = element("input", { type: "range", step: "any", "aria-label": "instant" });
   private readonly clock = element("output", { class: "lab-clock" });
@@ -42,6 +43,7 @@ export class LabPanel {
   private readonly table = element("div", { class: "lab-wide" });
   private readonly objects = element("tbody");
   private readonly words = element("p");
+  private readonly help = element("p", { class: "lab-help" });
 
   constructor(
     container: HTMLElement,
@@ -63,7 +65,8 @@ export class LabPanel {
       "Drag or use the arrow keys to turn; + and −, or after a click the wheel, to zoom; 0 to look from the front; space to play.";
     this.box.append(this.tip);
     container.append(this.box, this.note, this.controls, inWords);
-    if (!this.flat) container.append(element("p", { class: "lab-help" }, help));
+    this.help.append(help);
+    if (!this.flat) container.append(this.help);
     this.picture = this.flat ? new Schematic(this.box) : new LabView(this.box, options);
     this.picture.onHover((id, x, y) => this.point(id, x, y));
     this.listen();
@@ -128,6 +131,13 @@ export class LabPanel {
   say(sentence: string): void {
     this.note.textContent = sentence;
     this.note.hidden = sentence === "";
+  }
+
+  /** Let people draw forces by dragging objects; an outline does not offer it. */
+  allowForces(rules: ForceRules): void {
+    if (!(this.picture instanceof LabView)) return;
+    this.picture.forces.rules = rules;
+    this.help.append(" Where a force may be applied, drag an object to draw it into the form.");
   }
 
   setDark(dark: boolean): void {

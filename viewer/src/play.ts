@@ -27,6 +27,15 @@ const panel = new LabPanel(by("lab"), { dark: dark.matches, reducedMotion, readi
 const bench = new Bench({ run, say });
 const answer = new AnswerBox((call) => take([call], note.value.trim()));
 const visitor = new VisitorCard(by("consent"), by("clock"), (sentence) => (by("budget").textContent = sentence));
+panel.allowForces({
+  allows: (id) => bench.offers("apply_force") && state?.rules.limits?.force !== 0 && !sealed().has(id),
+  limit: () => state?.rules.limits?.force ?? null,
+  drawn: (id, [x, y, z]) => {
+    const force = { "force_vector.x": `${x}`, "force_vector.y": `${y}`, "force_vector.z": `${z}` };
+    bench.fill("apply_force", { object_id: id, ...force });
+    panel.say(`The form holds the force [${x}, ${y}, ${z}] N on ${names()(id)}. It acts once you run it and let time pass.`);
+  },
+});
 by("bench").append(bench.element);
 by("answers").append(answer.element);
 
@@ -52,6 +61,12 @@ function objects(): Known[] {
   };
   for (const exchange of exchanges()) search(exchange.content);
   return [...found].map(([id, name]) => ({ id, name }));
+}
+
+/** Objects that the task lets nobody act on, as the prompt names them. */
+function sealed(): Set<string> {
+  const [, listed = ""] = /^Sealed, to be observed but not acted on: (.*)\.$/m.exec(state?.prompt ?? "") ?? [];
+  return new Set(listed.split(", "));
 }
 
 /** What the objects are called now. */
@@ -96,6 +111,9 @@ function showMeasured(next: State): void {
   const changed = changedOf(seriesOf(exchanges(), names())).slice(0, MOST_PLOTS);
   by("plots").hidden = changed.length === 0;
   by("charts").replaceChildren(...changed.map(chartOf));
+}
+
+function showLimits(next: State): void {
   const limits = limitsInWords(next.rules.limits ?? {}, exchanges());
   by("limits").textContent = limits.length > 0 ? `Limits: ${limits.join("; ")}.` : "";
 }
@@ -118,6 +136,7 @@ function show(next: State): void {
     (next.person?.agreed === false ? "" : next.budget === undefined ? "opening …" : `${next.left} of ${next.budget} iterations left${isOpen ? "" : " · running …"}`);
   if (next.view && JSON.stringify(next.view) !== JSON.stringify(before?.view ?? null)) panel.show(next.view);
   panel.refresh(next.read);
+  showLimits(next);
   if (before?.turns.length !== next.turns.length) showMeasured(next);
   if (next.ended !== null && before?.ended !== next.ended) showEnd(next);
 }

@@ -60,8 +60,20 @@ class Played:
 
 
 @contextmanager
-def playing(cwd: Path, server: str, *words: str) -> Generator[Played]:
-    command = [sys.executable, "-m", "evaluator", "play", "7", "--web", "--no-open", "--out", "run", "--server", server]
+def playing(cwd: Path, server: str, *words: str, scene: int = 7) -> Generator[Played]:
+    command = [
+        sys.executable,
+        "-m",
+        "evaluator",
+        "play",
+        f"{scene}",
+        "--web",
+        "--no-open",
+        "--out",
+        "run",
+        "--server",
+        server,
+    ]
     with subprocess.Popen(
         [*command, *words], cwd=cwd, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
     ) as run:
@@ -328,3 +340,50 @@ def test_the_ball_is_still_seen_when_the_camera_has_moved_far_back(tmp_path: Pat
         page.wait("document.querySelector('.lab-clock').textContent === '0.800 s'")
         page.run("new Promise((drawn) => requestAnimationFrame(() => requestAnimationFrame(() => drawn(true))))")
         assert red_pixels(page, tmp_path / "fallen.png") > 20
+
+
+@pytest.mark.skipif(PROGRAM is None, reason="Chromium is not installed")
+def test_dragging_an_object_draws_a_force_within_the_limit_into_the_form_and_sends_nothing(
+    tmp_path: Path, host_url: str
+) -> None:
+    assert PROGRAM
+    # The glider is not watched: it is dragged at its last reading.
+    with (
+        playing(tmp_path, host_url, scene=28) as played,
+        chromium(PROGRAM, tmp_path / "profile", *SOFTWARE_WEBGL) as page,
+    ):
+        page.look(1280, "light", height=1200)
+        page.send("Emulation.setEmulatedMedia", features=[{"name": "prefers-reduced-motion", "value": "reduce"}])
+        page.visit(played.address)
+        page.wait("!document.getElementById('run').disabled")
+        assert "force at most 1.5 N" in page.run("document.getElementById('limits').textContent")
+        page.run("document.getElementById('run').click()")
+        page.wait("document.getElementById('budget').textContent === '19 of 20 iterations left'")
+        page.wait("document.querySelector('.lab-read') !== null")
+        ring = "(({ x, y, width, height }) => [x + width / 2, y + height / 2])"
+        x, y = page.run(f"{ring}(document.querySelector('.lab-read').getBoundingClientRect())")
+
+        def mouse(kind: str, dx: float) -> None:
+            page.send("Input.dispatchMouseEvent", type=kind, x=x + dx, y=y, button="left", buttons=1, clickCount=1)
+
+        def drag() -> None:
+            mouse("mousePressed", 0)
+            for dx in (20, 60, 200):  # far beyond the limit
+                mouse("mouseMoved", dx)
+            assert page.run("document.querySelector('.lab-forces').textContent").startswith("limit 1.5 N[1.5, 0, 0] N")
+
+        drag()
+        page.send("Input.dispatchKeyEvent", type="keyDown", key="Escape", windowsVirtualKeyCode=27)
+        mouse("mouseReleased", 200)
+        assert page.run("document.querySelector('[name=tool]:checked')?.value ?? 'step'") == "step"
+        drag()
+        mouse("mouseReleased", 200)
+        fields = "['object_id', ...['x', 'y', 'z'].map((part) => `force_vector.${part}`)]"
+        values = page.run(f"{fields}.map((name) => document.querySelector(`[name='${{name}}']`).value)")
+        assert values == ["object_1", "1.5", "0", "0"]
+        assert page.run("document.getElementById('run').textContent") == "Run 1 call, 1 iteration"
+        assert (
+            len(played.http.get("state", headers={"x-physment-page": page.run("sessionStorage.page")}).json()["turns"])
+            == 1
+        )
+        assert [one for one in page.complaints if "GPU stall" not in one] == []
