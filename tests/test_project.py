@@ -96,7 +96,7 @@ def test_the_workflow_tests_every_supported_python_with_locked_and_lowest_depend
 
 def test_the_jobs_of_the_workflow_call_make_targets_that_exist() -> None:
     called = {command.split()[1] for command in commands(WORKFLOW) if command.startswith("make ")}
-    assert called == {"check", "test", "pages", "docs", "dist"}
+    assert called == {"check", "test", "setup", "pages", "docs", "dist"}
     assert called <= TARGETS
 
 

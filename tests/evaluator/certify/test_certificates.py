@@ -20,10 +20,15 @@ from evaluator.episode.connect import EpisodeConnector
 from physment_mcp.serving.prompts import PromptOptions, opening_prompt
 from scenes import Category, PackFiles, default_folder, find_pack, list_packs, pack_hash, read_pack
 from scenes.draw import step_values
+from scenes.pack import Rung
 from tests.builders.author import Author
 from tests.builders.records import episode, episode_key, returned, turn
 
 SCENES = [files.scene_id for files in list_packs()]
+EASY_CATEGORIES = {category for category in Category if category.rung is Rung.EASY}
+EASY = [files.scene_id for files in list_packs() if read_pack(files).category in EASY_CATEGORIES]
+PLAYED = [*EASY, *[scene for scene in SCENES if scene not in EASY][::3]]
+"""Scenes that the reference plays in `make test`: every easy one, and every third of the others, which take seconds."""
 SEEDS = 4
 
 
@@ -305,18 +310,26 @@ def test_lint_reports_gaps_in_object_numbers(author: Author) -> None:
 
 
 @pytest.mark.parametrize("scene", SCENES)
-async def test_key_and_sanity_hold_for_every_scene_on_its_first_seed(scene: int, memory: EpisodeConnector) -> None:
-    """The reference plays seed 0 through MCP, and the engine is asked for its key.
-
-    `physment-eval verify --all`, which runs each night, asks it on 20 seeds, and at half the time step.
-    """
+def test_the_stored_key_is_that_of_theory_and_engine_and_the_scene_is_sane(scene: int) -> None:
     files = find_pack(scene)
     subject = Subject.open(files)
-    checks = [check_key(subject, [await play_reference(subject, 0, memory)]), check_sane(subject, [0], lint(files))]
-    assert reasons_of(checks) == []
+    draw = subject.draw(0)
+    key, measured = subject.truth(draw), subject.measured(draw)
+    assert subject.agrees(subject.pack.answer, key, 0.05)
+    assert measured is None or subject.agrees(measured, key, 0.25)
+    assert reasons_of([check_sane(subject, [0], lint(files))]) == []
 
 
-@pytest.mark.parametrize("scene", SCENES[::5])
+@pytest.mark.parametrize(
+    "scene", [scene if scene in PLAYED else pytest.param(scene, marks=pytest.mark.every_scene) for scene in SCENES]
+)
+async def test_the_reference_finds_the_key_through_mcp(scene: int, memory: EpisodeConnector) -> None:
+    """On seed 0. `physment-eval verify --all`, which runs each night, asks for 20 seeds."""
+    subject = Subject.open(find_pack(scene))
+    assert reasons_of([check_key(subject, [await play_reference(subject, 0, memory)])]) == []
+
+
+@pytest.mark.parametrize("scene", SCENES[::10])
 async def test_twins_and_steps_hold_for_a_sample_of_the_scenes(scene: int, memory: EpisodeConnector) -> None:
     """The reference plays seed 0 through MCP and seed 1 on a session, without a server."""
     files = find_pack(scene)
