@@ -1,4 +1,4 @@
-"""The versions. They have their own module because code of this package must not import the public names."""
+"""Versions of this package and of MuJoCo, in a module of its own, so that every other module can import it."""
 
 __version__ = "0.2.0"
 """Version of the distribution `physment-mcp`; the only place that holds it."""

@@ -89,7 +89,7 @@ def visibility_of(scene: Scene, variants: Sequence[str]) -> Visibility:
 
 
 def _start_turns(scene: Scene, start: World) -> dict[str, Array]:
-    """Return the start orientation of each body that is drawn in it because its present one is withheld."""
+    """Return the start orientation of each movable body whose present orientation is withheld; images show it."""
     withheld = (item.object_id for item in scene.public.objects if not item.permissions.body_quat)
     turns = {body: start.turn_at_centre(body) for body in withheld if start.is_movable(body)}
     return {body: turn for body, turn in turns.items() if turn is not None}

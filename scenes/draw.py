@@ -57,7 +57,7 @@ def draw_knobs(
 
 
 def step_values(files: PackFiles, pack: Pack, knobs: Mapping[str, KnobValue]) -> dict[str, float]:
-    """Return intermediate quantity → its value for these knobs.
+    """Evaluate the intermediate quantities for these knobs; returns name → value.
 
     Raises:
         PackError: An expression is invalid or evaluates to a string.

@@ -310,7 +310,7 @@ def test_the_evaluator_imports_without_the_engine() -> None:
 
 
 def test_no_command_imports_another_command() -> None:
-    """Code that two commands need is in a module that declares no command, such as `playing` or `finishing`."""
+    """Code that two commands share belongs in a module that declares no command, such as `playing` or `finishing`."""
     found = {
         path.stem: set(imports((ROOT / path).read_text(encoding="utf-8")))
         for path in modules()

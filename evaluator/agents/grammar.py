@@ -37,7 +37,7 @@ class _GrammarPlayer:
 
     def __post_init__(self) -> None:
         def solve(prompt: str) -> Protocol:
-            """Lead what can be pushed to many places with pushes of many sizes, and read each state on the way."""
+            """Generate calls that push each movable body towards many places with pushes of many sizes, and read it."""
             return blind_protocol(prompt, self.seconds, self.predictions.append)
 
         self.player = ProtocolPlayer(solve, self.prompt)

@@ -264,7 +264,7 @@ def tolerance(wanted: PlainNumber, key: AnswerKey) -> Fraction:
 
 
 def allowed_distance(wanted: Fraction, rel_tol: float, abs_tol: float) -> Fraction:
-    """abs_tol + rel_tol * |wanted|, exactly; with `ZERO_ABS_TOL` if that would be 0."""
+    """Return abs_tol + rel_tol * |wanted|, exactly; if `wanted` and `abs_tol` are 0, return `ZERO_ABS_TOL`."""
     floor = abs_tol or (ZERO_ABS_TOL if wanted == 0 else 0.0)
     return Fraction(repr(floor)) + Fraction(repr(rel_tol)) * abs(wanted)
 

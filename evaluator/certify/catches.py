@@ -215,7 +215,7 @@ class Watch:
 
     @property
     def acted(self) -> int:
-        """Return the number of catches that have acted, without those that limit a quantity at all times."""
+        """Return the number of catches that have acted. Catches that limit a quantity at all times do not count."""
         return sum(watched.has_acted for watched in self.catches if watched.catch.sprung)
 
     def look(self) -> str | None:

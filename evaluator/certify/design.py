@@ -96,7 +96,7 @@ class Design:
         return Constants(self.subject, knobs, names)
 
     def replay(self, mjcf: str) -> tuple[Replay, list[Read]]:
-        """Repeat the calls so far in a model; return the laboratory after them, and its readings."""
+        """Replay the calls so far in a model; returns the laboratory after them, and its readings."""
         lab = Replay(self.subject.files, mjcf)
         return lab, _read(lab, [one for one, reading in self.made if "error" not in reading], slopes=True)
 

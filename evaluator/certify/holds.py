@@ -164,7 +164,11 @@ def _drive(subject: Subject, draw: Draw, number: int, looks: int, in_a_row: int,
 
 
 def _sequence(attacks: Sequence[Attack], turn: int, in_a_row: int) -> list[Attack]:
-    """Return the attacks of a run. Over all runs, each attack comes first, and each pair of attacks occurs."""
+    """Return the attacks of one run, in order.
+
+    Over all runs, each attack is once the first one, and each pair of attacks occurs in sequence.
+
+    """
     first, pace = turn % len(attacks), turn // len(attacks) + 1
     return [attacks[(first + pace * place) % len(attacks)] for place in range(in_a_row)]
 
@@ -182,7 +186,11 @@ class _Run:
         self._changes = 0
 
     def through(self, sequence: Sequence[Attack]) -> str | None:
-        """Apply each attack for its share of the time, then its reverse if it engages a catch; returns any fault."""
+        """Apply the attacks for equal shares of the time. If one engages a catch, its reverse is next.
+
+        Returns:
+            A fault, or None.
+        """
         pending = deque(sequence)
         while pending and self.left > 0:
             attack, acted = pending.popleft(), self.watch.acted

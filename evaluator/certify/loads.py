@@ -173,7 +173,7 @@ def axle(engine: Engine, body: str) -> tuple[float, ...]:
 
 
 def removals(engine: Engine, pack: Pack) -> list[tuple[str, ...]]:
-    """Sets of fixed objects, such as a pin, that are deleted at the start of a run: all, each one alone, none."""
+    """Return the sets of fixed objects to delete at the start of a run: all of them, each one alone, and none."""
     if "delete_objects" in pack.disabled_tools:
         return [()]
     listed = {f"object_{entry.object_id}": key for key, entry in pack.objects.items()}

@@ -174,7 +174,7 @@ def write_certificates(folder: Path, proven: Iterable[SceneCertificate]) -> Path
 
 
 def _proves_more(stored: SceneCertificate | None, new: SceneCertificate) -> bool:
-    """Return whether a stored certificate shows the same as the new one on more seeds."""
+    """Return whether a stored certificate of the same pack has passed the same checks on more seeds."""
     return (
         stored is not None
         and (stored.passed, stored.pack) == (new.passed, new.pack) == (True, stored.pack)

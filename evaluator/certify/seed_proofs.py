@@ -107,14 +107,14 @@ class SeedProver:
     _left_out: dict[Variant, SeedProof] = field(default_factory=dict[Variant, SeedProof])
 
     def needs_proof(self, scene: int, seed: int) -> bool:
-        """Return whether a seed must be proved: it belongs to a certified scene but not to its certificate."""
+        """Return whether a seed needs a proof: its scene has a certificate, but the certificate does not cover it."""
         return not self.skip and scene in self._certificates() and not self._is_certified(scene, seed)
 
     def _is_certified(self, scene: int, seed: int) -> bool:
         return self.seed_of(scene, seed) < self._certificates().get(scene, 0)
 
     def _certificates(self) -> dict[int, int]:
-        """Certified scene → number of seeds, from 0 on."""
+        """Return, for each certified scene, how many seeds (0, 1, ...) its certificate covers."""
         if self._certified is None:
             folder = self.scenes_dir or default_folder()
             found = still_proven(folder, self.packs, 1)

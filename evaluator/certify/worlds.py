@@ -134,7 +134,7 @@ def _seen(engine: Engine, structure: Structure) -> Array:
 
 
 def _hidden(engine: Engine, structure: Structure) -> Array:
-    """Return positions and velocities of the hidden bodies, then the distance covered."""
+    """Return positions and velocities of the hidden bodies in the engine, then those of the odometer if any."""
     axes, found = slice(0, 2 if structure.apparatus.flat else 1), list[float]()
     for at in structure.hidden:
         found += [*engine.centre(f"hidden_{at}")[axes], *engine.velocity(f"hidden_{at}")[axes]]

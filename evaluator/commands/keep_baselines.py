@@ -64,7 +64,7 @@ def _keep(args: argparse.Namespace) -> int:
 
 
 def _check_same(former: RunRecord, record: RunRecord) -> None:
-    """Raise if the episodes of a run cannot be combined with the kept ones."""
+    """Raise `UsageError` if a run and the stored baselines differ in agents, budgets, seeds or prompting."""
     for name in ("agents", "budgets", "seeds", "promptings", "protocols"):
         before, now = getattr(former.plan, name), getattr(record.plan, name)
         if before != now:

@@ -145,7 +145,7 @@ def _selected(args: argparse.Namespace) -> Selected:
 
 
 def _spare_seeds(args: argparse.Namespace) -> range:
-    """The seeds after the default ones of a split, or of a seed key; none if `--seeds` named the seeds."""
+    """Return the seeds of the split or seed key that follow the default seeds; none if `--seeds` is given."""
     if args.seeds is not None:
         return range(0)
     if args.seed_key is not None:

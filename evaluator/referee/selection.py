@@ -71,7 +71,7 @@ def next_variant(variant: Variant) -> Variant:
 
 
 def _world(wanted: WantedEpisode, world: WantedWorld, held_back: bool, folder: Path) -> Variant:
-    """Return the world that a request selects, with the seed of its noise."""
+    """Return the variant of a world that a request selects, including the seed of its noise."""
     if wanted.scene is not None or wanted.seed is not None or None not in {wanted.index, wanted.random_seed}:
         raise RefusedRequest(400, f"of a world, name one of index and random_seed, or neither: send {_WORLD_EXAMPLES}")
     pool = _worlds(world, wanted.split, folder, held_back=held_back)
@@ -120,7 +120,7 @@ def curriculum_pool(wanted: WantedEpisode, *, held_back: bool, folder: Path | No
 
 
 def _worlds(world: WantedWorld, split: str | None, folder: Path, *, held_back: bool) -> Split:
-    """Return the worlds of a folder that a request names, as a split with the seeds of their noise."""
+    """Return the worlds of a folder that match a request, as a split whose seeds determine the noise."""
     if held_back:
         raise RefusedRequest(409, "this referee was started with --seed-key, and that opens no worlds: start another")
     named = None if split is None else _split_of_worlds(split)

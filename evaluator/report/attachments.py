@@ -102,7 +102,7 @@ def _films(folder: RunFolder, target: Path) -> tuple[dict[EpisodeKey, str], list
 
 
 def _records(folder: RunFolder) -> dict[EpisodeKey, str]:
-    """SHA-256 of the record of each episode; if several lines have the same key, of the last one."""
+    """Map the key of each episode to the SHA-256 of its record; the last of several lines with a key counts."""
     found: dict[EpisodeKey, str] = {}
     for line in folder.episode_lines():
         try:

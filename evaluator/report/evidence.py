@@ -56,7 +56,7 @@ def _task(result: AgentResults, row: ScoredEpisode) -> _Task:
 
 
 def _reference_calls(results: Iterable[AgentResults]) -> Mapping[_Task, int]:
-    """Number of calls after which the evidence of the reference agent sufficed, by task."""
+    """Return, for each task, the number of calls after which the evidence of the reference agent sufficed."""
     return {
         _task(result, row): row.evidence.sufficed_at
         for result in results

@@ -186,7 +186,7 @@ class TurnText:
         self._known[self._digits(number)] = abs(value) if number.value < 0 or number.is_magnitude else value
 
     def derivation(self, number: Spoken) -> Derivation | None:
-        """Return the arithmetic that gives a number: directly before it, or before an earlier number with its value."""
+        """Return the arithmetic that yields a number: written directly before it, or before an earlier equal number."""
         statement = self._statements.get(self._digits(number))
         found = self._evaluated(statement, number) if statement is not None else None
         if found is None:

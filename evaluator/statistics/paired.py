@@ -34,7 +34,7 @@ class PairedDifference(Record):
     difference: float
     """Accuracy of the second minus accuracy of the first."""
     interval: Interval | None
-    """95 %, bootstrap over scenes; None if there are too few scenes."""
+    """95 % interval of the difference, by bootstrap over scenes; None if there are too few scenes."""
     p_value: float
     """Two-sided, for the null hypothesis of no difference."""
     test: PairedTest

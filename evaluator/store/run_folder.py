@@ -163,7 +163,7 @@ class RunFolder:
         return _lines(self.episodes_file)[:-1]
 
     def line_hashes(self) -> dict[EpisodeKey, str]:
-        """SHA-256 of the record of each episode; if several lines have the same key, of the last one."""
+        """Map the key of each episode to the SHA-256 of its record; the last of several lines with a key counts."""
         lines = self.episode_lines()
         return {Episode.model_validate_json(line).key: hashlib.sha256(line).hexdigest() for line in lines}
 

@@ -32,7 +32,7 @@ class Seal(Record):
     """Why records were accepted that did not match an earlier seal; absent if all matched."""
 
     def after(self, line: bytes) -> "Seal":
-        """Return the seal with one more line, given without its line feed."""
+        """Return the seal after one more record. `line` is the record's line without its line feed."""
         head = hashlib.sha256(self.head.encode() + hashlib.sha256(line).digest()).hexdigest()
         return self.model_copy(update={"lines": self.lines + 1, "head": head})
 

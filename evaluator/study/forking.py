@@ -215,7 +215,7 @@ def _conditions(text: str, option: str) -> dict[str, str]:
 
 
 def fork_keys(episodes: Sequence[Episode], agents: Sequence[str]) -> dict[EpisodeKey, Episode]:
-    """Key of each new episode → the stored one that it continues."""
+    """Map the key of each new episode to the stored episode that it continues."""
     return {episode.key.model_copy(update={"agent": agent}): episode for agent in agents for episode in episodes}
 
 

@@ -154,7 +154,7 @@ def merge(parts: Sequence[RunFolder], target: RunFolder, *, trust: bool = False)
 
 
 def _merged(parts: Sequence[RunFolder], records: Sequence[RunRecord]) -> RunRecord:
-    """The first part's run record, with every part's start added."""
+    """Return the run record of the first part, extended by the starts of all parts."""
     merged = tuple(
         MergedPart(folder=part.path.name, shard=record.shard, resumed=record.resumed, **dict(record.start()))
         for part, record in zip(parts, records, strict=True)

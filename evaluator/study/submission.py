@@ -186,7 +186,7 @@ def _check_grades(folder: RunFolder, rows: list[ScoredEpisode]) -> None:
 
 
 def _verdict(record: GradeRecord) -> str:
-    """Return the hashed part of a grade, without key and reason, which runs with held-back seeds omit."""
+    """Return the hashed part of a grade. Answer key and reason are not hashed: runs with held-back seeds omit them."""
     grade = record.grade
     return f"{record.key.model_dump_json()} {grade.strict.value} {grade.normalised.value} {grade.graded}"
 

@@ -93,7 +93,7 @@ class Laboratory:
     """Makes the calls of one episode over a persistent connection. Not thread-safe."""
 
     def __init__(self, mcp_url: str, player_token: str) -> None:
-        """Prepare; the first call connects.
+        """Store address and token; the first call opens the connection.
 
         Args:
             mcp_url: Address of the episode.

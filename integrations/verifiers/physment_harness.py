@@ -137,7 +137,7 @@ async def _reply(http: aiohttp.ClientSession, endpoint: str, secret: str, body: 
 
 
 async def _call(http: aiohttp.ClientSession, state: LaboratoryState, function: dict[str, str]) -> str:
-    """Make a call; returns what the model reads.
+    """Make a tool call; returns the text of its result for the model.
 
     Raises:
         LaboratoryError: The host failed, which says nothing about the model.

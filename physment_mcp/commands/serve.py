@@ -185,7 +185,7 @@ def _token(args: argparse.Namespace) -> str | None:
     """Return the token of the host; None if it needs none.
 
     Raises:
-        UsageError: The named place contains no token, or two places are named.
+        UsageError: The named variable or stdin contains no token, or both options are given.
     """
     if args.token_stdin and args.token_env is not None:
         raise UsageError("--token-env and --token-stdin: give the token in one place")

@@ -165,7 +165,7 @@ def _renamed(node: Node, names: Mapping[str, str]) -> Node:
 
 
 def _value(function: Compiled, values: Sequence[float]) -> float | str:
-    """Return the result of a function at these values; the reason if it has no finite one."""
+    """Return the value of a function, or the reason why it has no finite value."""
     try:
         (result,) = function(*values)
     except ZeroDivisionError:

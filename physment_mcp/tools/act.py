@@ -88,7 +88,7 @@ def _check_loose(session: Session, item: LabObject) -> None:
 
 @contextmanager
 def _unmoved(item: LabObject) -> Generator[None]:
-    """Return how a refusal to move an object names it."""
+    """Add the object's id to the message of a `NotPossible` error that the block raises."""
     try:
         yield
     except NotPossible as refusal:

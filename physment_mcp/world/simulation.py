@@ -199,7 +199,7 @@ class Simulation:
         return int(self._model.body(body).id)
 
     def _live(self) -> mujoco.MjData:
-        """Live data, ready for a step or a change of the state. `_keep` then stores the result as the state."""
+        """Return the `MjData` with the present state, to step or change it; then call `_keep` to store it."""
         if not self._is_live:
             mujoco.mj_setState(self._model, self._data, self._state, STATE)
         # The state array stays the old one until the change is complete, so a failed change has no effect.
@@ -207,11 +207,11 @@ class Simulation:
         return self._data
 
     def _keep(self) -> None:
-        """Store the content of the live data as the state."""
+        """Store the state that the `MjData` now contains."""
         self._state, self._is_live = _state_of(self._model, self._data), True
 
     def _now(self) -> mujoco.MjData:
-        """Settled data, with all derived quantities up to date; valid until the next change of the world."""
+        """Return the `MjData` with up-to-date derived quantities; it is valid until the next change of the world."""
         if not self._is_settled:
             self._is_live = False
             settle(self._model, self._data, self._state)

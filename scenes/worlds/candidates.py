@@ -174,7 +174,7 @@ class Candidates:
         return 2 * sizes * along - sizes**2 * length, sizes
 
     def _columns(self, node: Fit) -> _Library:
-        """Return the library, which is computed at the first use with the masses of that law."""
+        """Return the cached library. The first call computes it, with the masses of `node`."""
         if "library" in self._kept:
             return self._kept["library"]
         constants = named(node.structure, node.unit[:, None])

@@ -197,7 +197,7 @@ def retraced(
 
 @functools.lru_cache(1024)
 def laws_of_fit(structure: Structure, told: Situation, longest_s: float = SEARCH_S) -> Laws:
-    """Return the `Laws` that fit a structure to a course in a situation."""
+    """Return the `Laws` with which a structure is fitted to a course in a situation."""
     rates = rates_of(structure, walled=True)
 
     def of_course(_structure: str, knobs: Mapping[str, Any], time: Any, state: Array, controls: Array) -> Array:

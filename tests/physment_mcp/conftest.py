@@ -21,7 +21,7 @@ from tests.builders.laboratory import XML, Command, Lab, OpenHost, OpenLab, Writ
 
 @pytest.fixture
 def pack() -> dict[str, Any]:
-    """A pack to change before it is written."""
+    """The fields of a valid pack, which a test may change before it writes them to a file."""
     return pack_of_all_kinds()
 
 

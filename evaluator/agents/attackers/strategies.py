@@ -89,7 +89,7 @@ def _last(rows: Sequence[tuple[_Row, Unit]], wanted: Unit) -> float:
 
 
 def _proportional(opening: Opening) -> Attempt:
-    """Push with the largest force or torque, and carry the largest response proportionally to the asked case."""
+    """Apply the limit of each control, and scale the largest response in proportion to the asked setting."""
     survey = yield from look_around(opening)
     best: list[tuple[float, float]] = [(0.0, 1.0)] * len(opening.units)
     seen: list[Quantity] = []
@@ -106,7 +106,7 @@ def _proportional(opening: Opening) -> Attempt:
 
 
 def _sweep(opening: Opening) -> Attempt:
-    """Set each control to nine values up to its limit, and continue a smooth curve through the readings."""
+    """Fit a curve to readings at up to nine settings of each control, and evaluate it at the asked setting."""
     survey = yield from look_around(opening)
     best: list[tuple[float, float]] = [(-1.0, 1.0)] * len(opening.units)
     seen: list[Quantity] = []
@@ -187,7 +187,7 @@ def _fitting(rows: Sequence[_Row], measure: Unit, duration: float, wanted: Unit)
 def _continued(
     opening: Opening, rows: Sequence[_Row], control: Control, duration: float, part: int, wanted: Unit
 ) -> tuple[float, float]:
-    """Return the range of the series that changes most, and the value of its fitted curve at the question's value."""
+    """Fit the series of readings with the largest range; returns this range and the fit at the question's value."""
     settings = [row.setting for row in rows]
     if conversion(control.unit, wanted) is not None:
         # The question asks for a setting: fit the setting as a function of the reading that the question states.
@@ -225,7 +225,7 @@ def _curve(xs: Sequence[float], ys: Sequence[float], at: float) -> float:
 
 
 def _asked_setting(opening: Opening, control: Control, part: int) -> float:
-    """Return the setting that the question states for a part of the answer, or else the control's limit."""
+    """Return the value that the question states for a control, or the control's limit if it states none."""
     asked = opening.asked(control.unit)
     if not asked:
         return control.limit

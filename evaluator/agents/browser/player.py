@@ -90,7 +90,7 @@ class PageState:
         return {"code": visitor.code, "consent": visitor.consent, "agreed": visitor.agreed, **clock}
 
     def _read(self) -> dict[str, Reading]:
-        """Return the last reading of the place of each object, from the results alone."""
+        """Return the last reported position of each object, from the results of calls alone."""
         read: dict[str, Reading] = {}
         for one in (exchange for turn in self.turns for exchange in turn["exchanges"]):
             if one["returned"] and not one["is_error"] and one["content"] is not None:

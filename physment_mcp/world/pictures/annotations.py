@@ -147,7 +147,11 @@ def middle(box: Box) -> tuple[float, float]:
 
 
 def _placed(box: Box, size: tuple[float, float], gap: float, side: tuple[int, int]) -> Box:
-    """Place a box of a size beside another; the side is -1, 0 or 1 to the right and downwards."""
+    """Return a box of this size beside another box.
+
+    `side` is -1, 0 or 1 for left, centred and right, and the same for above, centred and below.
+
+    """
     x = {-1: box[0] - gap - size[0], 0: (box[0] + box[2] - size[0]) / 2, 1: box[2] + gap}[side[0]]
     y = {-1: box[1] - gap - size[1], 0: (box[1] + box[3] - size[1]) / 2, 1: box[3] + gap}[side[1]]
     return (x, y, x + size[0], y + size[1])

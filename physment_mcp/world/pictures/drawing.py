@@ -171,7 +171,7 @@ def _subject(model: mujoco.MjModel, boxes: Sequence[GeomBox], extras: Extras) ->
 
 
 def _near(parts: Sequence[Array], farthest: float) -> Array:
-    """Join parts with the first one, the nearest next, as long as the whole is not larger than `farthest` [m]."""
+    """Join to the first part the nearest others, while the extent of all stays within `farthest` [m]."""
     lows, highs = (np.array([bound(part, axis=0) for part in parts]) for bound in (np.min, np.max))
     low, high, chosen = lows[0], highs[0], [0]
     left = list(range(1, len(parts)))

@@ -167,7 +167,7 @@ def test_a_film_of_an_edited_record_is_refused_with_its_place_and_the_others_are
 def test_an_episode_that_the_laboratory_cannot_begin_is_refused_and_the_others_are_filmed(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """The record has a value of `prompting` that this version does not support."""
+    """The first episode cannot begin: its record has a value of `prompting` that this version does not support."""
     run = stored_run(tmp_path / "run", (FALL_KEY, FALL), (FIND_KEY, FIND))
     found = run.episodes()
     text = found[FALL_KEY].model_dump_json().replace('"prompting":"zero-shot"', '"prompting":"of-old"')

@@ -18,7 +18,7 @@ from tests.builders.reports import played, run_of
 
 
 def measured(row: ScoredEpisode, *bounds: float, rivals: int = 0) -> ScoredEpisode:
-    """The episode with these bounds after its calls."""
+    """Add evidence to an episode: one call for each of the bounds, with that bound after it."""
     calls = tuple(
         CallEvidence(turn=1 + n // 2, call=n + 1, bounds=(bound,), rivals=rivals, bits=n)
         for n, bound in enumerate(bounds)
