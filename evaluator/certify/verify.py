@@ -21,7 +21,8 @@ from evaluator.certify.parallel import in_processes
 from evaluator.certify.records import CERTIFICATES, Check, SceneCertificate, certificates_of, check
 from evaluator.certify.subject import Subject
 from evaluator.certify.twins import check_modality, check_twins
-from evaluator.episode.connect import EpisodeConnector, HostConnector
+from evaluator.episode.connect import EpisodeConnector
+from evaluator.episode.hosts import HostConnector
 from evaluator.episode.loop import play_episode
 from evaluator.episode.toolbox import Toolboxes
 from evaluator.errors import InfrastructureError

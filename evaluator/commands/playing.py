@@ -18,7 +18,8 @@ from evaluator.commands.base import run_async
 from evaluator.commands.finishing import finish
 from evaluator.commands.telemetry import exporting_spans
 from evaluator.commands.terminal import ProgressDisplay, Tally
-from evaluator.episode.connect import EpisodeConnector, HostConnector, connect
+from evaluator.episode.connect import EpisodeConnector, connect
+from evaluator.episode.hosts import HostConnector
 from evaluator.episode.loop import Participant
 from evaluator.errors import InfrastructureError, UsageError
 from evaluator.records.episode import EpisodeKey

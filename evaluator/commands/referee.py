@@ -30,7 +30,8 @@ from evaluator.commands.base import (
     seconds,
     unproved,
 )
-from evaluator.episode.connect import HostConnector, connect
+from evaluator.episode.connect import connect
+from evaluator.episode.hosts import HostConnector
 from evaluator.errors import InfrastructureError, UsageError
 from evaluator.records.run import Plan, SeedKey, seed_as_recorded
 from evaluator.referee.episodes import Referee

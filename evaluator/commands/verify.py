@@ -23,7 +23,7 @@ from evaluator.certify.records import (
     write_certificates,
 )
 from evaluator.commands.base import Commands, count_of, run_async, wide_console
-from evaluator.episode.connect import LocalHost
+from evaluator.episode.hosts import LocalHost
 from evaluator.study.selection import parse_scenes
 from scenes import PackError, PackFiles, default_folder, read_errata, reference_of
 from scenes.layout import lay_out, not_laid_out

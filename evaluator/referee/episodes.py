@@ -22,7 +22,7 @@ from evaluator.agents.reference import ReferenceAgent
 from evaluator.answers.keys import KeyRing
 from evaluator.answers.rewards import AnswerReward, RewardRule, answer_reward
 from evaluator.certify.seed_proofs import SeedProver
-from evaluator.episode.connect import HostConnector
+from evaluator.episode.hosts import HostConnector
 from evaluator.episode.loop import play_episode
 from evaluator.episode.player import Briefing
 from evaluator.errors import InfrastructureError, RefusedRequest, ServerFull

@@ -12,7 +12,7 @@ import httpx
 import httpx2
 import pytest
 
-from evaluator.episode.connect import mcp_client
+from evaluator.episode.hosts import mcp_client
 from physment_mcp.contract.names import GONE
 from tests.builders.referee_client import laboratory_client
 

@@ -20,7 +20,8 @@ from pydantic import JsonValue
 from evaluator.agents.external.child_process import Ended, run_child
 from evaluator.agents.external.isolation import TOKEN, URL, SystemUser, SystemUsers, child_environment, episode_folders
 from evaluator.agents.external.watched import WatchedEpisode, outcome_of, watch_episode
-from evaluator.episode.connect import EpisodeConnector, HostConnector
+from evaluator.episode.connect import EpisodeConnector
+from evaluator.episode.hosts import HostConnector
 from evaluator.errors import AgentError, UsageError
 from evaluator.records.episode import Episode, EpisodeKey, Outcome, Turn, Usage, Versions
 from evaluator.store.redaction import Redaction

@@ -9,7 +9,7 @@ from urllib.parse import urlsplit
 
 from evaluator.agents.external.agent import NEEDS_ADDRESS, ExternalAgent
 from evaluator.agents.external.isolation import TOKEN, URL, SystemUsers, system_users
-from evaluator.episode.connect import TOKEN_VARIABLE
+from evaluator.episode.hosts import TOKEN_VARIABLE
 from evaluator.errors import UsageError
 from scenes import PackError, default_folder, list_packs
 

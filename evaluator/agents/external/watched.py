@@ -10,7 +10,7 @@ import httpx2
 from mcp import Client
 from pydantic import BaseModel, JsonValue, ValidationError
 
-from evaluator.episode.connect import HostConnector, http_client, mcp_client
+from evaluator.episode.hosts import HostConnector, http_client, mcp_client
 from evaluator.episode.loop import opening_prompt
 from evaluator.episode.player import ANSWER, Briefing, unrecordable
 from evaluator.episode.toolbox import Toolboxes

@@ -11,7 +11,7 @@ from evaluator.certify.records import SceneCertificate, certificates_of, check, 
 from evaluator.certify.seed_proofs import SeedProver, prove
 from evaluator.commands.program import main
 from evaluator.commands.run import prove_seeds
-from evaluator.episode.connect import HostConnector
+from evaluator.episode.hosts import HostConnector
 from evaluator.errors import RefusedRequest, UsageError
 from evaluator.records.run import Plan, RunRecord, SeedKey, ServerRecord
 from evaluator.referee.contract import WantedEpisode

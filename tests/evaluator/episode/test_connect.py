@@ -10,7 +10,8 @@ import anyio
 import pytest
 
 from evaluator.agents.scripted import ScriptedAgent
-from evaluator.episode.connect import LocalHost, connect
+from evaluator.episode.connect import connect
+from evaluator.episode.hosts import LocalHost
 from evaluator.episode.loop import play_episode
 from evaluator.episode.player import Agent, Briefing, Feedback, Reply
 from evaluator.errors import InfrastructureError, PermanentFailure, UsageError

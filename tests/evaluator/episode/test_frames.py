@@ -10,7 +10,8 @@ from mcp import Client
 from mcp.server.lowlevel import Server
 
 from evaluator.agents.scripted import ScriptedAgent
-from evaluator.episode.connect import LocalHost, connect
+from evaluator.episode.connect import connect
+from evaluator.episode.hosts import LocalHost
 from evaluator.episode.loop import play_episode
 from evaluator.errors import InfrastructureError, StoreError, UsageError
 from evaluator.records.episode import Episode, Exchange, Frame

@@ -9,8 +9,7 @@ from pathlib import Path
 import anyio
 import pytest
 
-from evaluator.episode.connect import HostConnector, LocalHost
-from evaluator.episode.local_host import HostSockets
+from evaluator.episode.hosts import HostConnector, LocalHost
 from evaluator.episode.passed_sockets import ControlSocket, passed
 from evaluator.errors import InfrastructureError, UsageError
 
@@ -96,7 +95,7 @@ async def test_too_many_open_files_are_an_infrastructure_error(monkeypatch: pyte
     with ours, theirs:
         monkeypatch.setattr(socket, "socketpair", none_left)
         with pytest.raises(InfrastructureError, match="cannot be reached: Too many open files"):
-            async with HostSockets(ControlSocket(ours)).episode({"scene": 7}, 1):
+            async with HostConnector(NOWHERE, control=ControlSocket(ours)).open(7, 0):
                 pytest.fail("there was no file")
 
 

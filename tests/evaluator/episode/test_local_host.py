@@ -12,7 +12,7 @@ import httpx
 
 HOLD = """
 import anyio
-from evaluator.episode.connect import LocalHost
+from evaluator.episode.hosts import LocalHost
 
 async def hold():
     async with LocalHost() as laboratory:

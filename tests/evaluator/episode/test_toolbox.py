@@ -12,7 +12,7 @@ from mcp import Client
 from mcp.server.caching import CacheHint
 from mcp.server.lowlevel import Server
 
-from evaluator.episode.connect import HostConnector
+from evaluator.episode.hosts import HostConnector
 from evaluator.episode.toolbox import Toolbox, Toolboxes
 from tests.builders.records import call
 

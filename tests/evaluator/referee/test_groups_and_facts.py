@@ -9,7 +9,7 @@ import httpx
 import pytest
 
 from evaluator.answers.keys import KeyRing
-from evaluator.episode.connect import HostConnector
+from evaluator.episode.hosts import HostConnector
 from evaluator.errors import RefusedRequest
 from evaluator.referee.contract import MOST_IN_GROUP, WantedVariants
 from evaluator.referee.episodes import Referee

@@ -20,7 +20,7 @@ import pytest
 from evaluator.agents.reference import ReferenceAgent
 from evaluator.answers.keys import KeyRing
 from evaluator.answers.rewards import RewardRule, Worth
-from evaluator.episode.connect import HostConnector, mcp_client
+from evaluator.episode.hosts import HostConnector, mcp_client
 from evaluator.episode.loop import play_episode
 from evaluator.records.episode import Episode
 from evaluator.records.run import Plan, RunRecord, ServerRecord

@@ -12,7 +12,7 @@ import pytest
 
 from evaluator.agents.reference import ReferenceAgent
 from evaluator.answers.keys import KeyRing
-from evaluator.episode.connect import HostConnector, mcp_client
+from evaluator.episode.hosts import HostConnector, mcp_client
 from evaluator.episode.loop import play_episode
 from evaluator.errors import RefusedRequest
 from evaluator.records.run import Plan, RunRecord, SeedKey, SeedOf, ServerRecord, seed_as_recorded

@@ -9,7 +9,8 @@ import httpx
 import pytest
 
 from evaluator.answers.keys import KeyRing
-from evaluator.episode.connect import HostConnector, connect
+from evaluator.episode.connect import connect
+from evaluator.episode.hosts import HostConnector
 from evaluator.errors import RefusedRequest
 from evaluator.records.run import Plan, RunRecord, ServerRecord
 from evaluator.referee.contract import Variant, WantedEpisode

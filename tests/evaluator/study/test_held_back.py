@@ -12,7 +12,8 @@ import pytest
 
 from evaluator.answers.keys import KeyRing
 from evaluator.commands.program import main
-from evaluator.episode.connect import HostConnector, ProcessConnector
+from evaluator.episode.connect import ProcessConnector
+from evaluator.episode.hosts import HostConnector
 from evaluator.errors import InfrastructureError
 from evaluator.records.episode import Verdict
 from evaluator.records.run import SeedKey

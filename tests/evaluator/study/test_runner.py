@@ -11,7 +11,8 @@ from mcp import Client
 
 from evaluator.agents.scripted import ScriptedAgent
 from evaluator.answers.grading import grade_missing
-from evaluator.episode.connect import EpisodeConnector, HostConnector
+from evaluator.episode.connect import EpisodeConnector
+from evaluator.episode.hosts import HostConnector
 from evaluator.episode.loop import AgentParticipant
 from evaluator.episode.player import Agent, Briefing, Feedback, Player, Reply
 from evaluator.errors import AgentError, InfrastructureError, PermanentFailure, StoreError

@@ -16,7 +16,7 @@ from pathlib import Path
 import anyio
 
 from evaluator.commands.program import make_room
-from evaluator.episode.connect import LocalHost
+from evaluator.episode.hosts import LocalHost
 from evaluator.episode.loop import AgentParticipant
 from evaluator.episode.toolbox import Toolboxes
 from evaluator.records.episode import Versions
@@ -38,7 +38,7 @@ async def turn(episodes: int, turns: int, *, sockets: bool) -> tuple[float, floa
     before += _of_children()
     with tempfile.TemporaryDirectory() as scratch:
         async with LocalHost() as host:
-            laboratory = host if sockets else replace(host, sockets=None, toolboxes=Toolboxes())
+            laboratory = host if sockets else replace(host, control=None, toolboxes=Toolboxes())
             async with laboratory.open(7, 0) as client:
                 await laboratory.toolboxes.of(client)
             busy = time.process_time()

@@ -13,7 +13,7 @@ import anyio
 import pytest
 
 from evaluator.agents.reference import ReferenceAgent
-from evaluator.episode.connect import LocalHost
+from evaluator.episode.hosts import LocalHost
 from evaluator.episode.loop import play_episode
 from evaluator.records.episode import Outcome
 from physment_mcp.commands.program import main

@@ -10,7 +10,8 @@ import httpx2
 import pytest
 from mcp import Client
 
-from evaluator.episode.connect import TOKEN_VARIABLE, HostConnector, LocalHost, connect
+from evaluator.episode.connect import connect
+from evaluator.episode.hosts import TOKEN_VARIABLE, HostConnector, LocalHost
 from evaluator.episode.loop import play_episode
 from evaluator.episode.player import Briefing, Feedback, Reply
 from evaluator.errors import InfrastructureError

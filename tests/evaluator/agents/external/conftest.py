@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from evaluator.episode.connect import HostConnector
+from evaluator.episode.hosts import HostConnector
 
 PRELUDE = """
 import json

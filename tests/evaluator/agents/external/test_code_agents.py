@@ -8,7 +8,7 @@ from pathlib import Path
 import anyio
 
 from evaluator.agents.external.command import parse_external
-from evaluator.episode.connect import HostConnector
+from evaluator.episode.hosts import HostConnector
 from evaluator.records.episode import Episode, Outcome
 from tests.builders.paths import DOCS
 from tests.builders.records import VERSIONS, episode_key

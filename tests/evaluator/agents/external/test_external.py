@@ -17,7 +17,8 @@ from evaluator.agents.external.agent import ExternalAgent
 from evaluator.agents.external.command import parse_external
 from evaluator.agents.external.isolation import child_environment
 from evaluator.agents.external.watched import WatchedEpisode
-from evaluator.episode.connect import HostConnector, LocalHost, ProcessConnector, connect
+from evaluator.episode.connect import ProcessConnector, connect
+from evaluator.episode.hosts import HostConnector, LocalHost
 from evaluator.errors import InfrastructureError, UsageError
 from evaluator.records.episode import Episode, Outcome
 from scenes import find_pack, read_public

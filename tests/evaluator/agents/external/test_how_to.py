@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from evaluator.agents.external.command import parse_external
-from evaluator.episode.connect import HostConnector
+from evaluator.episode.hosts import HostConnector
 from evaluator.episode.player import ToolDescription
 from evaluator.episode.protocols.typed import parse_line
 from evaluator.records.episode import Outcome

@@ -16,7 +16,7 @@ from evaluator.agents.external.command import parse_external
 from evaluator.agents.external.isolation import TOKEN, URL, SystemUser, SystemUsers, system_users
 from evaluator.agents.external.watched import watch_episode
 from evaluator.commands.run_options import read_options
-from evaluator.episode.connect import HostConnector, LocalHost
+from evaluator.episode.hosts import HostConnector, LocalHost
 from evaluator.errors import UsageError
 from evaluator.records.episode import Episode, Outcome
 from tests.builders.records import VERSIONS, episode_key
