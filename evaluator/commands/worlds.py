@@ -181,10 +181,13 @@ def _make_level(args: argparse.Namespace, order: WorldOrder) -> list[str]:
     rate = f" in {spent:.0f} s, {60 * made / spent:.3g} a minute" if made else ""
     draws = f" of {sum(refusals.values()) + made} draws" if made else ""
     console.print(
-        f"{made} worlds of level {order.level} made{draws}{rate}; {args.count - len(wanted)} were there: {lines}"
+        f"{made} world{'s' * (made != 1)} of level {order.level} made{draws}{rate};"
+        f" {args.count - len(wanted)} existed: {lines}"
     )
+    if refusals:
+        console.print("rejected draws, by reason:", markup=False)
     for reason, count in refusals.most_common():
-        console.print(f"  {count:5d} draws: {reason}", markup=False)
+        console.print(f"  {count:5d}  {reason}", markup=False)
     return unmade
 
 

@@ -113,7 +113,7 @@ class Maker:
             _refuse_wild(structure, constants, told)
         worth = np.flatnonzero(matter.any(axis=0) & _sane(key))
         if len(worth) < ASKED:
-            raise Refused("three questions miss a part")
+            raise Refused("too few questions depend on the law")
         asked, matter = [asked[number] for number in worth], matter[:, worth]
         information = _Information(structure, constants, told, asked, _CHOICE_S)
         spread = information.spread(told.looks)
@@ -122,7 +122,7 @@ class Maker:
         questions = tuple(asked[number] for number in chosen)
         bounds = _Information(structure, constants, told, questions).spread(told.looks)
         if bounds.max() > IDENTIFIABLE:
-            raise Refused("not identifiable")
+            raise Refused("the readings do not determine the answers")
         final = answers(structure, constants, questions, _FINE_S)[:, 0]
         world = DrawnWorld(structure, constants, told, questions, _numbers(final), _numbers(bounds))
         _refuse_guessable(world, self.rng)
@@ -146,7 +146,7 @@ class Maker:
             marks = [f"{at}" if number is None else f"{at}m{number}" for at, number in useless]
             names = [name for name in structure.ranges for mark in marks if _is_of(name, mark)]
             constants |= draw_constants(structure, self.rng, names)
-        raise Refused("a part does not matter")
+        raise Refused("a term of the law changes too little")
 
 
 def _is_of(name: str, mark: str) -> bool:
@@ -182,14 +182,14 @@ def _refuse_wild(structure: Structure, constants: Mapping[str, float], told: Sit
     """Refuse a course that leaves the floor or is sensitive to small errors, because its fit would not converge."""
     course = simulated(structure, constants, told, None)
     if not np.isfinite(course.readings).all():
-        raise Refused("thrown out")
+        raise Refused("the object leaves the floor")
     if told.apparatus is not Apparatus.WHEEL:
         width = 2 if told.apparatus.flat else 1
         places = course.readings.reshape(len(course.readings), told.bodies, 2, width)[:, :, 0]
         if (np.linalg.norm(places, axis=2) > told.radius).mean() > 0.15:
-            raise Refused("thrown out")
+            raise Refused("the object leaves the floor")
     if float(np.sqrt((retraced(structure, constants, told, course) ** 2).mean())) > _SENSITIVE:
-        raise Refused("too sensitive")
+        raise Refused("the motion is too sensitive to small errors")
 
 
 class _Information:
@@ -246,10 +246,10 @@ def _chosen(asked: Sequence[Question], matter: Flags, spread: Array) -> list[int
         others = [n for n in range(len(asked)) if able[n] and n not in chosen]
         fresh = [n for n in others if asked[n].kind not in kinds] or others
         if not fresh:
-            raise Refused("not identifiable")
+            raise Refused("the readings do not determine the answers")
         chosen.append(max(fresh, key=lambda n: (matter[:, [*chosen, n]].any(axis=1).sum(), -spread[n])))
     if not matter[:, chosen].any(axis=1).all():
-        raise Refused("three questions miss a part")
+        raise Refused("no three questions depend on every term")
     return chosen
 
 
@@ -264,10 +264,10 @@ def _refuse_guessable(world: DrawnWorld, rng: random.Random) -> None:
     guesses = nearby(structure, constants, asked, world.told)
     for number in range(2):
         other = draw_constants(structure, rng) | {"m": constants["m"]}
-        guesses[f"another draw {number}"] = answers(structure, other, asked, 0.03)[:, 0]
+        guesses[f"those of other constants ({number + 1})"] = answers(structure, other, asked, 0.03)[:, 0]
     for name, guess in guesses.items():
         if np.count_nonzero(numbers & (np.abs(_finite(guess) - key) <= tolerance(key))) > 1:
-            raise Refused(f"guessable by {name}")
+            raise Refused(f"two answers equal {name}")
 
 
 def _determined(world: DrawnWorld, refits: Refits, difficulty: Difficulty) -> tuple[DrawnWorld, Refits]:
@@ -282,7 +282,7 @@ def _determined(world: DrawnWorld, refits: Refits, difficulty: Difficulty) -> tu
         looks = min(difficulty.looks, -(-int(told.looks * _SHARPER_LOOKS) // 2) * 2)
         noise = max(difficulty.noise, float(f"{told.noise / _SHARPER_NOISE:.2g}"))
         if (looks, noise) == (told.looks, told.noise):
-            raise Refused("a rival fits")
+            raise Refused("a rival law fits the readings, too")
         told = replace(told, looks=looks, noise=noise)
         refits = Refits(structure, constants, told, _REFIT_SEED)
     bounds = _Information(structure, constants, told, world.questions).spread(told.looks)
@@ -299,14 +299,14 @@ def _refuse_useless(world: DrawnWorld, refits: Refits) -> None:
         if not refits.unexplained(fewer, refit):
             found = np.where([bool(question.options) for question in world.questions], key, found)
         if not (np.abs(_finite(found) - key) > MATTERS * tolerance(key)).any():
-            raise Refused("a part does not matter after a fit")
+            raise Refused("the law without a term fits as well and gives the same answers")
 
 
 def _refuse_mistakable(world: DrawnWorld, refits: Refits, rng: random.Random) -> None:
     """Refuse a world if another option of a `which` question explains the readings equally well."""
     for question in world.questions:
         if question.options and mistakable(refits, world.constants, question, rng):
-            raise Refused("another option explains the readings")
+            raise Refused("another option explains the readings, too")
 
 
 def _refuse_unsolved(world: DrawnWorld, rng: random.Random) -> None:
@@ -319,7 +319,7 @@ def _refuse_unsolved(world: DrawnWorld, rng: random.Random) -> None:
     fit = on_course(course, world.told, fit, SEARCH_S)
     found = answers(structure, constants_of(fit), world.questions, 0.03)[:, 0]
     if not (np.abs(found - key) <= tolerance(key)).all():
-        raise Refused("not solved with the structure known")
+        raise Refused("a reference that knows the terms is wrong")
 
 
 def bounds_of(

@@ -148,7 +148,10 @@ def nearby(
             found = float(answers(structure, constants, [_staged(question, told)], 0.03)[0, 0])
             nearest.append(found)
             scaled.append(found * max(1.0, float(np.linalg.norm(question.push)) / told.force))
-    return {"nearest situation": np.array(nearest), "in proportion": np.array(scaled)}
+    return {
+        "those in the nearest allowed situation": np.array(nearest),
+        "those scaled from the nearest allowed situation": np.array(scaled),
+    }
 
 
 def _staged(asked: Question, told: Situation) -> Question:

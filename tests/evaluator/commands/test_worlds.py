@@ -23,7 +23,7 @@ def test_worlds_are_made_resumed_shown_and_proved(tmp_path: Path, capsys: pytest
     assert main([*make, "--count", "1"]) == 0
     first = lines_file(tmp_path, 1).read_text(encoding="utf-8")
     assert main([*make, "--count", "2"]) == 0
-    assert "1 were there" in capsys.readouterr().out
+    assert "1 existed" in capsys.readouterr().out
     assert lines_file(tmp_path, 1).read_text(encoding="utf-8").startswith(first)
     assert [record.index for record in read_records(tmp_path, 1)] == [0, 1]
     assert main(["worlds", "show", "1:1", "--worlds-dir", str(tmp_path), "--private"]) == 0
@@ -113,7 +113,7 @@ def test_worlds_of_a_split_are_made_published_selected_and_exported(
     make = ["worlds", "make", "--level", "1", "--workers", "1", "--out", str(worlds)]
     assert main([*make, "--count", "3"]) == 0
     assert main([*make, "--count", "1", "--split", "test"]) == 0
-    assert "1 worlds of level 1 made" in capsys.readouterr().out
+    assert "1 world of level 1 made" in capsys.readouterr().out
     assert [record.split for record in read_records(worlds, 1)] == ["train"] * 3 + ["test"]
     assert main(["worlds", "publish", "--worlds-dir", str(worlds), "--out", str(tmp_path / "set"), "--count", "3"]) == 0
     assert "3 worlds of each of 1 levels" in capsys.readouterr().out

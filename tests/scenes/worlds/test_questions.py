@@ -139,7 +139,7 @@ def test_each_kind_is_drawn_where_it_means_something(apparatus: Apparatus) -> No
         assert sum(question.kind == "which" for question in asked) <= 1
         seen |= {question.kind for question in asked}
         guesses = nearby(structure, constants, asked, told(apparatus))
-        for question, guess in zip(asked, guesses["nearest situation"], strict=True):
+        for question, guess in zip(asked, guesses["those in the nearest allowed situation"], strict=True):
             assert guess == 5.0 if question.what == "push" else math.isnan(guess) == bool(question.options)
     none = {Apparatus.WHEEL: {"far", "apart"}, Apparatus.PAIR: set[str]()}.get(apparatus, {"apart"})
     assert seen == set(KINDS) - none
