@@ -4,11 +4,13 @@ They do the same as the commands, but write no files, print nothing and do not r
 """
 
 import functools
+import operator
 from collections.abc import Iterable
 from contextlib import AbstractAsyncContextManager, nullcontext
 from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
+from typing import SupportsIndex
 
 from pydantic import JsonValue, ValidationError
 
@@ -165,9 +167,17 @@ def reward(scene: int, seed: int, answer: JsonValue, scenes_dir: Path | None = N
         scenes_dir: Folder of scene packs; the suite by default.
 
     Raises:
-        UsageError: There is no such scene, or it has no key for this seed.
+        UsageError: There is no such scene, the seed is no integer from 0 on, or the scene has no key for this seed.
     """
-    return answer_reward(answer, _keys(scenes_dir).key(scene, seed))
+    return answer_reward(answer, _keys(scenes_dir).key(scene, _checked_seed(seed)))
+
+
+def _checked_seed(seed: object) -> int:
+    """Refuse a seed that no server opens, such as None or 1.5, for which a variant would be drawn nevertheless."""
+    # Integers of numpy are no instances of int.
+    if isinstance(seed, bool) or not isinstance(seed, SupportsIndex) or operator.index(seed) < 0:
+        raise UsageError(f"the seed must be an integer from 0 on, not {seed!r}")
+    return operator.index(seed)
 
 
 @functools.cache

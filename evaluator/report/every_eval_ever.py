@@ -13,6 +13,7 @@ from datetime import UTC, datetime
 from pathlib import PurePosixPath
 from typing import Any, NamedTuple
 
+from evaluator.errors import UsageError
 from evaluator.records.episode import Episode, EpisodeKey, GradeRecord, Verdict
 from evaluator.records.run import RunRecord
 from evaluator.scores.grouping import Condition, condition
@@ -42,6 +43,9 @@ def every_eval_ever(run: RunRecord, graded: Graded, source: Source) -> dict[Pure
         run: Record of the run.
         graded: Its episodes with their stored grades.
         source: Who reports the results.
+
+    Raises:
+        UsageError: The time of the run is damaged.
     """
     files: dict[PurePosixPath, str] = {}
     for agent in run.plan.agents:
@@ -102,7 +106,7 @@ def _aggregate(
         "schema_version": SCHEMA_VERSION,
         "evaluation_id": identity,
         "evaluation_timestamp": run.created_at,
-        "retrieved_timestamp": str(int(datetime.fromisoformat(run.created_at).astimezone(UTC).timestamp())),
+        "retrieved_timestamp": _seconds(run.created_at),
         "source_metadata": {
             "source_name": "PhysMent",
             "source_type": "evaluation_run",
@@ -119,6 +123,18 @@ def _aggregate(
             result for (dataset, one), group in groups.items() for result in _results(dataset, one, run, group)
         ],
     }
+
+
+def _seconds(created_at: str) -> str:
+    """Return a time in seconds since 1970.
+
+    Raises:
+        UsageError: The time of the run is damaged.
+    """
+    try:
+        return str(int(datetime.fromisoformat(created_at).astimezone(UTC).timestamp()))
+    except (ValueError, OverflowError) as error:
+        raise UsageError(f"created_at of run.json is no time: {created_at[:40]!r}") from error
 
 
 def _results(dataset: str, played: Condition, run: RunRecord, pairs: Graded) -> Iterator[dict[str, Any]]:

@@ -4,6 +4,7 @@ import math
 import random
 from typing import Any
 
+import numpy as np
 import pytest
 
 import evaluator
@@ -99,8 +100,16 @@ def test_the_public_reward_knows_the_key_of_every_variant() -> None:
     assert evaluator.reward(7, 3, 7.848).strict == 0  # another gravity
     assert evaluator.reward(7, 3, 0.8 * 6.33964).parts == (True,)
     assert evaluator.reward(7, 3, None).strict == 0
+    seed_of_numpy: Any = np.int64(3)
+    assert evaluator.reward(7, seed_of_numpy, 0.8 * 6.33964).strict == 1
 
 
 def test_the_public_reward_refuses_a_scene_that_is_not_there() -> None:
     with pytest.raises(evaluator.UsageError, match="9999"):
         evaluator.reward(9999, 0, 1.0)
+
+
+@pytest.mark.parametrize("seed", [-1, 1.5, None, True, "0"])
+def test_a_seed_that_no_server_opens_has_no_reward(seed: Any) -> None:
+    with pytest.raises(evaluator.UsageError, match="the seed must be an integer from 0 on"):
+        evaluator.reward(7, seed, 7.848)

@@ -8,6 +8,7 @@ from typing import Any
 import pytest
 
 from evaluator.commands.program import main
+from evaluator.errors import UsageError
 from evaluator.records.episode import Episode, GradeRecord, Verdict
 from evaluator.records.run import AdaptivePlan, Plan, RunRecord, ServerRecord
 from evaluator.report.every_eval_ever import Source, every_eval_ever
@@ -114,6 +115,13 @@ def test_a_model_names_its_folder_and_cannot_leave_it(agent: str, model: str) ->
     files = every_eval_ever(run_of(agent), [graded(7, agent=agent)], SOURCE)
     assert json.loads(next(iter(files.values())))["model_info"]["id"] == model
     assert {place.parent for place in files} == {PurePosixPath("data", "physment", model)}
+
+
+@pytest.mark.parametrize("created_at", ["yesterday", "9999-12-31T23:59:59-23:59"])
+def test_a_damaged_time_is_refused_in_one_sentence(created_at: str) -> None:
+    run = run_of("model:a/b").model_copy(update={"created_at": created_at})
+    with pytest.raises(UsageError, match=r"created_at of run\.json is no time"):
+        every_eval_ever(run, [graded(7)], SOURCE)
 
 
 def test_a_second_export_gives_the_same_ids() -> None:
