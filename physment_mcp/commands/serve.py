@@ -12,9 +12,8 @@ from threading import Thread
 import anyio
 
 from physment_mcp.commands.base import Commands, common_options, observations, port, positive, timestep
-from physment_mcp.contract.addresses import is_loopback
 from physment_mcp.contract.command_line import restore_sigint
-from physment_mcp.errors import UsageError
+from physment_mcp.errors import NotOpened, UsageError
 
 _OPEN_FILES = 65_536
 """Limit of open files to request from the system."""
@@ -112,6 +111,7 @@ def run(args: argparse.Namespace) -> int:
         SceneError: There are no scenes.
     """
     # --help need not wait for the engine.
+    from physment_mcp.contract.addresses import is_loopback  # noqa: PLC0415
     from physment_mcp.scene import scene_ids  # noqa: PLC0415
     from physment_mcp.serving.admission import free_memory, usual_episodes  # noqa: PLC0415
     from physment_mcp.serving.episode_server import EpisodeServer  # noqa: PLC0415
@@ -160,8 +160,7 @@ def _check_opened(args: argparse.Namespace) -> None:
     Raises:
         UsageError: It cannot be opened.
     """
-    from physment_mcp.errors import NotOpened  # noqa: PLC0415 - as above
-    from physment_mcp.serving.admission import Admission, EpisodeQuota  # noqa: PLC0415
+    from physment_mcp.serving.admission import Admission, EpisodeQuota  # noqa: PLC0415 - as above
 
     try:
         admission = Admission(args.scenes_dir, EpisodeQuota(1), args.timestep, for_operator=True)
