@@ -23,5 +23,5 @@ html_show_sourcelink = False
 html_copy_source = False
 html_show_sphinx = False
 html_permalinks_icon = "#"
-pygments_style = "friendly"
+pygments_style = "a11y-high-contrast-light"
 pygments_dark_style = "github-dark"

@@ -4,6 +4,7 @@ The writer appends whole lines, and replaces the file only to remove damaged lin
 still being written, and is read later.
 """
 
+import contextlib
 import hashlib
 import json
 from pathlib import Path
@@ -18,8 +19,10 @@ from evaluator.records.episode import Episode, EpisodeKey, Outcome, Usage, Verdi
 from evaluator.records.run import RunningEpisode, RunningEpisodes, RunRecord
 from evaluator.scores.dimensions import ExperimentCost, cost_of
 from evaluator.scores.grouping import rung
+from evaluator.scores.scored_episode import scene_title
 from evaluator.store.run_folder import RunFolder
 from scenes import LabLimits, PackError, Rung, find_pack, reference_of, same_pack
+from scenes.public import read_public
 
 _SHOWN = 200
 """Largest number of characters kept of an answer or an error message."""
@@ -77,6 +80,7 @@ class FollowedRun:
         """Time at which the run wrote this list [s since 1970]."""
         self.keys = keys
         self._played_here: dict[tuple[int, str], bool] = {}
+        self._titles: dict[int, str] = {}
         """Scene and pack hash → whether the local pack is the same."""
         self._known: dict[bytes, FollowedEpisode | None] = {}
         self._file: tuple[int, int] = (0, 0)
@@ -162,6 +166,15 @@ class FollowedRun:
             duration_s=episode.duration_s,
             is_open=is_open,
         )
+
+    def title(self, scene: int) -> str:
+        """Return reference and name of a scene; the reference alone for a world, and if its pack is missing here."""
+        if scene not in self._titles:
+            name = ""
+            with contextlib.suppress(PackError):
+                name = read_public(find_pack(scene, self.keys.folder)).name
+            self._titles[scene] = scene_title(scene, name)
+        return self._titles[scene]
 
     def _verdict(self, episode: Episode) -> Verdict | None:
         """Grade an episode; None if the seeds are held back.

@@ -12,7 +12,6 @@ from evaluator.scores.grouping import Condition, condition
 from evaluator.statistics.intervals import proportion
 from evaluator.study.shards import WHOLE, parse_shard
 from evaluator.watch.followed_run import FollowedEpisode, FollowedRun
-from scenes import reference_of
 
 NEWEST, TROUBLED, OVERTAKEN = 25, 15, 15
 """Largest number of episodes in each list."""
@@ -52,9 +51,9 @@ def state_of(run: FollowedRun, now: datetime) -> dict[str, Any]:
         "running": [] if phase == "finished" else list(_running(run, now)),
         "course": _course(episodes),
         "report": phase == "finished" and run.folder.report_file.is_file(),
-        "newest": [_shown(one) for one in reversed(episodes[-NEWEST:])],
-        "troubled": [_shown(one) for one in reversed(episodes) if _is_troubled(one)][:TROUBLED],
-        "overtaken": [] if phase == "finished" else _overtaken(wanted, run.episodes, now)[:OVERTAKEN],
+        "newest": [_shown(one, run) for one in reversed(episodes[-NEWEST:])],
+        "troubled": [_shown(one, run) for one in reversed(episodes) if _is_troubled(one)][:TROUBLED],
+        "overtaken": [] if phase == "finished" else _overtaken(wanted, run, now)[:OVERTAKEN],
         "notes": [*run.ungraded.values(), *_damage(run.damaged)],
     }
 
@@ -143,7 +142,7 @@ def _running(run: FollowedRun, now: datetime) -> Iterator[dict[str, Any]]:
     for one in sorted(run.running, key=lambda one: one.began_at)[:RUNNING]:
         began = datetime.fromisoformat(one.began_at)
         seconds = max(0.0, (now - began).total_seconds())
-        yield {**_named(one.key), "turn": one.turn, "call": one.call, "seconds": seconds}
+        yield {**_named(one.key, run), "turn": one.turn, "call": one.call, "seconds": seconds}
 
 
 def _course(episodes: Sequence[FollowedEpisode]) -> list[dict[str, Any]]:
@@ -173,9 +172,9 @@ def _is_troubled(one: FollowedEpisode) -> bool:
     )
 
 
-def _shown(one: FollowedEpisode) -> dict[str, Any]:
+def _shown(one: FollowedEpisode, run: FollowedRun) -> dict[str, Any]:
     return {
-        **_named(one.key),
+        **_named(one.key, run),
         "key": one.key.model_dump_json(),
         "verdict": one.verdict,
         "outcome": one.outcome,
@@ -189,10 +188,10 @@ def _shown(one: FollowedEpisode) -> dict[str, Any]:
     }
 
 
-def _named(key: EpisodeKey) -> dict[str, Any]:
+def _named(key: EpisodeKey, run: FollowedRun) -> dict[str, Any]:
     return {
         "scene": key.scene,
-        "name": reference_of(key.scene),
+        "name": run.title(key.scene),
         "seed": key.seed,
         "agent": key.agent,
         "budget": key.budget,
@@ -200,9 +199,7 @@ def _named(key: EpisodeKey) -> dict[str, Any]:
     }
 
 
-def _overtaken(
-    wanted: Sequence[EpisodeKey], ended: Mapping[EpisodeKey, FollowedEpisode], now: datetime
-) -> list[dict[str, Any]]:
+def _overtaken(wanted: Sequence[EpisodeKey], run: FollowedRun, now: datetime) -> list[dict[str, Any]]:
     """Return the missing episodes that later episodes of the same agent have overtaken, longest wait first.
 
     Such an episode is still running or waits for a retry; the run folder does not say which.
@@ -210,11 +207,11 @@ def _overtaken(
     found: list[dict[str, Any]] = []
     later: dict[str, list[float]] = {}
     for key in reversed(wanted):
-        if key in ended:
-            later.setdefault(key.agent, []).append(_ended_at(ended[key]))
+        if key in run.episodes:
+            later.setdefault(key.agent, []).append(_ended_at(run.episodes[key]))
         elif later.get(key.agent):
             ends = later[key.agent]
-            found.append({**_named(key), "by": len(ends), "since_s": max(0.0, now.timestamp() - min(ends))})
+            found.append({**_named(key, run), "by": len(ends), "since_s": max(0.0, now.timestamp() - min(ends))})
     return sorted(found, key=lambda one: -one["by"])
 
 
