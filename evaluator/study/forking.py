@@ -67,7 +67,13 @@ class ForkedAgent:
 
 
 def _refuse_other_returns(stored: Episode, turn: int, returned: Sequence[Exchange]) -> None:
-    for number, (old, new) in enumerate(zip(stored.turns[turn - 1].exchanges, returned, strict=True), start=1):
+    recorded = stored.turns[turn - 1].exchanges
+    if len(returned) != len(recorded):
+        raise UsageError(
+            f"{described(stored.key)} cannot be continued: turn {turn} has {len(recorded)} recorded calls, of which the"
+            f" laboratory now runs {len(returned)}"
+        )
+    for number, (old, new) in enumerate(zip(recorded, returned, strict=True), start=1):
         found = exact_difference(old, new)
         if found is None and old.frames != new.frames:
             found = "frames", [one.name for one in old.frames], [one.name for one in new.frames]

@@ -149,9 +149,12 @@ def differences(stored: Episode, now: Episode, rel_tol: float = REL_TOL) -> Iter
         if number > len(now.turns):
             yield Difference(key=key, turn=number, call=0, what="turn", stored="played", now="not played")
             return
-        for index, (before, after) in enumerate(
-            zip(turn.exchanges, now.turns[number - 1].exchanges, strict=True), start=1
-        ):
+        again = now.turns[number - 1].exchanges
+        if len(again) != len(turn.exchanges):  # the reply is now refused as a whole, for example because it is too long
+            counts = [f"{len(made)} call{'s' * (len(made) != 1)}" for made in (turn.exchanges, again)]
+            yield Difference(key=key, turn=number, call=0, what="turn", stored=counts[0], now=counts[1])
+            return
+        for index, (before, after) in enumerate(zip(turn.exchanges, again, strict=True), start=1):
             found = exchange_difference(before, after, rel_tol)
             if found is not None:
                 path, old, new = found

@@ -141,3 +141,21 @@ def test_a_replay_that_differs_is_refused_with_its_place(
     error = capsys.readouterr().err
     assert "cannot be continued: at turn 2, call 1 (get_velocity: velocity[2])" in error
     assert forked(copy.path, tmp_path / "earlier", host_url, *words[:3], "1", *words[4:]) == 0
+
+
+def test_a_reply_that_is_now_refused_as_a_whole_is_no_evidence(
+    source: Path, tmp_path: Path, host_url: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """An edited record, whose reply is too long to be run."""
+    copy = RunFolder(shutil.copytree(source, tmp_path / "run"))
+    lines = [json.loads(line) for line in copy.episode_lines()]
+    for line in lines:
+        for exchange in line["turns"][0]["exchanges"]:
+            exchange["call"]["arguments"]["note"] = "x" * 2_000_000
+    copy.episodes_file.write_text("".join(json.dumps(line) + "\n" for line in lines), encoding="utf-8")
+    copy.seal_file.unlink()
+    agent = next(line["key"]["agent"] for line in lines if line["key"]["agent"] != "random")
+    capsys.readouterr()
+    words = ["--episode", f"seed=0,agent={agent}", "--turn", "2", "--agent", "blind"]
+    assert forked(copy.path, tmp_path / "fork", host_url, *words) == 2
+    assert "recorded calls, of which the laboratory now runs 0" in capsys.readouterr().err

@@ -96,6 +96,19 @@ def test_each_kind_of_difference_is_reported_with_its_place(stored: Episode) -> 
     assert [(found.turn, found.what) for found in differences(stored, cut)] == [(4, "turn")]
 
 
+async def test_a_reply_that_is_now_refused_as_a_whole_is_a_difference(stored: Episode) -> None:
+    """An edited record, whose reply is too long to be run."""
+    long = call("answer", answer="x" * 2_000_000)
+    turns = list(stored.turns)
+    exchanges = tuple(one.model_copy(update={"call": long}) for one in turns[0].exchanges)
+    turns[0] = turns[0].model_copy(update={"exchanges": exchanges})
+    edited = stored.model_copy(update={"turns": tuple(turns)})
+    now = await replayed(RecordedAgent("someone", (edited,)))
+    assert now.turns[0].exchanges == ()
+    (found,) = differences(edited, now)
+    assert (found.turn, found.call, found.what, found.stored, found.now) == (1, 0, "turn", "3 calls", "0 calls")
+
+
 async def test_a_scene_without_a_record_is_an_agent_error(stored: Episode) -> None:
     other = stored.model_copy(update={"key": key(budget=5)})
     assert "no transcript is stored for scene 7" in ((await replayed(RecordedAgent("replay:x", (other,)))).error or "")
