@@ -111,11 +111,6 @@ class Structure:
         """Whether the law depends on the path length of the body."""
         return any("wear" in term.modulations for term in self.terms)
 
-    @property
-    def timed(self) -> bool:
-        """Whether the law depends on time."""
-        return any(part.group == "time" for term in self.terms for part in (term.kind, *term.factors))
-
     @functools.cached_property
     def states(self) -> tuple[str, ...]:
         """Names of the state variables: readable ones, then hidden bodies, then the path length."""
