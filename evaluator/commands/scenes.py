@@ -179,17 +179,18 @@ def _list(args: argparse.Namespace) -> int:
     console.print(table)
     if note := engine_note(folder):
         console.print(note, highlight=False, soft_wrap=True)
-    console.print(_totals(states), highlight=False, soft_wrap=True)
     if difficulties:
         note = "difficulty ± standard error in logits, from answers of simulated takers; 0 is the average scene"
         console.print(note, highlight=False, soft_wrap=True)
+    console.print(_totals(states), highlight=False, soft_wrap=True)
     if split:
         seeds = f"{split.seeds[0]}-{split.seeds[-1]}"
         console.print(f"split {split.label}: {len(packs)} scenes, seeds {seeds}", highlight=False)
     if args.html:
         from evaluator.pages.pictures import write_gallery  # noqa: PLC0415 - only this option needs templates
 
-        write_gallery(read, args.html, args.link, args.scenes_dir)
+        stated = {scene: _difficulty(one) for scene, one in difficulties.items()}
+        write_gallery(read, args.html, args.link, args.scenes_dir, stated)
         console.print(f"{args.html} has a card for each", highlight=False, markup=False, soft_wrap=True)
     return 0
 

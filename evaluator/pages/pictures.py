@@ -60,9 +60,17 @@ class Card:
     """Empty if the scene has no category."""
     thumbnail: str
     """PNG file in base64; empty if there is none."""
+    difficulty: str = ""
+    """Its calibrated difficulty; empty if it has none."""
 
 
-def write_gallery(packs: Mapping[PackFiles, Pack], file: Path, page: str | None, scenes_dir: Path | None) -> None:
+def write_gallery(
+    packs: Mapping[PackFiles, Pack],
+    file: Path,
+    page: str | None,
+    scenes_dir: Path | None,
+    difficulties: Mapping[int, str],
+) -> None:
     """Write the gallery.
 
     Args:
@@ -71,12 +79,16 @@ def write_gallery(packs: Mapping[PackFiles, Pack], file: Path, page: str | None,
         page: Address of the page of a scene, to which its card links, with `{scene}` for the number; None for the
             documentation pages next to the folder of packs, if they exist.
         scenes_dir: Folder of the packs; the suite's own if None.
+        difficulties: Scene → its calibrated difficulty in short, for those that have one.
 
     Raises:
         UsageError: The file cannot be written.
     """
     found = thumbnails(list(packs), scenes_dir)
-    cards = [_card(files, pack, found.get(files.scene_id, b"")) for files, pack in packs.items()]
+    cards = [
+        _card(files, pack, found.get(files.scene_id, b""), difficulties.get(files.scene_id, ""))
+        for files, pack in packs.items()
+    ]
     text = gallery(cards, _stored_page(file, scenes_dir) if page is None else page)
     try:
         file.write_text(text, encoding="utf-8")
@@ -98,7 +110,7 @@ def gallery(cards: Sequence[Card], page: str) -> str:
     )
 
 
-def _card(files: PackFiles, pack: Pack, thumbnail: bytes) -> Card:
+def _card(files: PackFiles, pack: Pack, thumbnail: bytes, difficulty: str) -> Card:
     category = pack.category
     return Card(
         files.scene_id,
@@ -106,6 +118,7 @@ def _card(files: PackFiles, pack: Pack, thumbnail: bytes) -> Card:
         category.rung.value if category else NO_RUNG,
         category.value if category else "",
         base64.b64encode(thumbnail).decode("ascii"),
+        difficulty,
     )
 
 

@@ -49,6 +49,7 @@ def test_a_link_without_a_page_and_a_page_that_cannot_be_written_are_refused(
     address = "https://example.org/scene{scene}.html"
     assert main(["scenes", "list", "--scenes", "7", "--html", html, "--link", address]) == 0
     assert 'href="https://example.org/scene7.html"' in Path(html).read_text("utf-8")
+    assert re.search(r"<br>difficulty −[\d.]+ ± [\d.]+, far easier</p>", Path(html).read_text("utf-8"))
     assert main(["scenes", "list", "--scenes", "7", "--html", str(tmp_path / "none" / "x.html")]) == 2
     assert "cannot be written" in capsys.readouterr().err
 
