@@ -57,7 +57,7 @@ class AgentError(EvaluatorError):
 
 
 class RefusedRequest(EvaluatorError):
-    """A referee cannot do what it is asked for; one sentence.
+    """A referee cannot fulfil a request; the message is one sentence.
 
     Args:
         status: HTTP status code of the response.
@@ -74,7 +74,7 @@ class InfrastructureError(EvaluatorError):
 
 
 class ServerFull(InfrastructureError):
-    """The server has no place for another episode now."""
+    """The server is at its limit of open episodes."""
 
 
 class PermanentFailure(InfrastructureError):

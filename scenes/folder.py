@@ -37,7 +37,7 @@ class PackFiles:
         return self.folder / "solution.py"
 
     def check_inside(self, *files: Path) -> None:
-        """Raise if a file is a link to a place outside the folder of packs.
+        """Raise if a file is a symbolic link that leads out of the folder of packs.
 
         A client chooses the scene id and must not be able to make the laboratory read another file.
 

@@ -57,7 +57,7 @@ class Member:
     chi_square: float
     """Sum of the squared misfits, each divided by the standard deviation of reading and computed value together."""
     readings: int
-    """Number of misfits; the same for all members that are compared."""
+    """Number of misfits. It is the same for all members of a family that are compared."""
     constants: int
     """Number of fitted constants."""
     answer: AnswerValue

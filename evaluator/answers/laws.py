@@ -183,7 +183,7 @@ def _error(own: StatedMotion, other: StatedMotion, courses: Sequence[LoadPlan]) 
 
 
 def _spread(first: Sequence[Sequence[float]], second: Sequence[Sequence[float]]) -> tuple[float, float]:
-    """Return the root mean square distance of the places and of the velocities of two courses."""
+    """Return the root mean square difference between the positions, and between the velocities, of two courses."""
     half = len(first[0]) // 2
 
     def distance(part: slice) -> float:
@@ -225,7 +225,7 @@ def _dependences(own: StatedMotion, other: StatedMotion, true: TrueLaw) -> tuple
 
 
 def _effects(law: StatedMotion, true: TrueLaw) -> tuple[list[list[float]], list[float]]:
-    """Return the root mean square effect of each quantity on each acceleration, and of each acceleration itself."""
+    """Return the root mean square of each acceleration, and of the effect of each quantity on it."""
     n, lab_time = len(true.model.coordinates), true.lab_time or _LONG_S
     squares = [[0.0] * (3 * n + 2) for _ in range(n)]
     sizes = [0.0] * n

@@ -41,7 +41,7 @@ class StatedDifficulty:
 
     @property
     def sentence(self) -> str:
-        """What a page says of it."""
+        """The sentence that a documentation page states about it."""
         than = "" if self.word.startswith("average") else " than the average scene"
         return (
             f"{self.figure} logits, {self.word}{than}. This rests on {self.answers} answers ({self.right} right) of"

@@ -36,7 +36,7 @@ _OTHER_SENSES = re.compile(
     r"|\b(?:round|of) (?:its|the) rim\b",
     re.IGNORECASE,
 )
-"""Phrases in which these words describe a motion or a place on a wheel, and not a catch."""
+"""Phrases in which these words describe a motion or a position on a wheel, and not a catch."""
 
 
 def undeclared_catches(pack: Pack) -> list[str]:

@@ -65,7 +65,7 @@ Pick = Callable[["Design", Sequence[list[Call]]], list[Call]]
 
 @dataclass(slots=True)
 class Design:
-    """What a design agent knows during an episode."""
+    """The state of a design agent during an episode."""
 
     subject: Subject
     pick: Pick
@@ -201,7 +201,7 @@ def _jacobian(base: list[Read], beside: Sequence[list[Read]], shifts: Sequence[f
 
 
 def experiments(opening: Opening, objects: Sequence[str]) -> list[list[Call]]:
-    """Return the set of experiments of both agents: waiting, and loads on the objects that the task names."""
+    """Return the experiments that both design agents may choose: waiting, and loads on the objects of the task."""
     revealed = [name for name in objects if name not in opening.objects]
     watched = [*opening.named(), *revealed] or list(objects)
     reads = motion_calls(opening, watched[:_MOST_WATCHED], opening.units)

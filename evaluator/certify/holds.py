@@ -30,7 +30,7 @@ _WORK_US = 18e6
 _STEP_US, _LAW_US, _LOOK_US = 12.0, 8.0, 90.0
 """Estimated processor time of a stage of the integrator, of a law in it, and of a check of the state [µs]."""
 _SEQUENCE = 7
-"""Number of consecutive attacks in a run, including the one that engages the catch."""
+"""Number of consecutive attacks in a run."""
 _CHANGES = 70
 """Largest number of load changes in a run. An agent needs two of its 150 calls for each."""
 _STRIDE = 7

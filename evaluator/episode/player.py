@@ -31,7 +31,7 @@ class Briefing:
     """Everything that an agent learns before its first turn."""
 
     prompt: str
-    """The opening prompt: the task and what is known about the scene."""
+    """The opening prompt: the task, and the public facts about the scene."""
     tools: tuple[ToolDescription, ...]
     budget: int
     """Number of iterations that the agent may use."""

@@ -152,7 +152,7 @@ class _Reader:
         return self._group()
 
     def _group(self) -> float:
-        """Evaluate the rest of a group, and consume its closing bracket."""
+        """Evaluate the remaining tokens of a group in brackets, and consume its closing bracket."""
         self._depth += 1
         if self._depth > _MAX_DEPTH:
             raise ValueError("too deep")

@@ -1,4 +1,4 @@
-"""The requests that a trainer may send to a referee, and what it returns. Knows no answer keys."""
+"""Messages between trainers and a referee: requests and responses. The module handles no answer keys."""
 
 from dataclasses import dataclass
 from typing import Literal
@@ -94,7 +94,7 @@ class EndedEpisode(BaseModel):
 
 @dataclass(frozen=True, slots=True)
 class Variant:
-    """A variant of a scene, and its place in the split from which it was chosen."""
+    """A variant of a scene, and its index in the split from which it was chosen."""
 
     scene: int
     seed: int

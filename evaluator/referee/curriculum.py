@@ -90,7 +90,7 @@ class _Curriculum:
     steps: Steps
     window: Window
     place: int
-    """Unique number of the window's present place. It changes with each move and differs between curricula."""
+    """Unique number of the window's present position. It changes with each move and differs between curricula."""
 
 
 @dataclass(slots=True)

@@ -165,7 +165,7 @@ class Referee:
 
     @contextlib.asynccontextmanager
     async def _places(self, count: int) -> AsyncGenerator[None]:
-        """Reserve some of the `max_episodes` places while episodes are being opened.
+        """Reserve capacity within `max_episodes` while episodes are being opened.
 
         Raises:
             RefusedRequest: Too few places are free here or on the server.

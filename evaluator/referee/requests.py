@@ -39,7 +39,7 @@ _BODY_S = 15.0
 _MOST_QUOTED = 64
 """Largest number of characters that a refusal quotes from a request."""
 RETRY_S = 5
-"""Wall time after which a trainer may ask again if all places are in use [s]."""
+"""Wall time after which a trainer should retry if all `max_episodes` are in use [s]."""
 _SWEEP_S = 5.0
 """Longest wall time between two searches for expired episodes [s]."""
 

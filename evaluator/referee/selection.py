@@ -1,4 +1,4 @@
-"""The variants that requests select: scenes with seeds, places in splits, worlds; and their proofs."""
+"""Selects the variants that requests name: scenes with seeds, indexes in splits, or worlds; and finds their proofs."""
 
 import hashlib
 import secrets
@@ -187,7 +187,7 @@ def _split(name: str, *, held_back: bool) -> Split:
 
 
 def _index(split: Split, wanted: WantedEpisode) -> int:
-    """Return the place in the split that a request selects."""
+    """Return the index in the split that a request selects."""
     if wanted.index is not None:
         return wanted.index
     count = len(split.scenes)
@@ -207,10 +207,10 @@ def _index(split: Split, wanted: WantedEpisode) -> int:
 
 
 def _placed(split: Split, index: int, scene: int | None) -> Variant:
-    """Return the variant at a place of a split.
+    """Return the variant at an index of a split.
 
     Raises:
-        RefusedRequest: The place is outside the split, or its scene is not the requested `scene`.
+        RefusedRequest: The index is outside the split, or its scene is not the requested `scene`.
     """
     count = len(split.scenes)
     if index >= count * len(split.seeds):

@@ -191,7 +191,7 @@ _QUESTION = re.compile(r"^# Scene: [^\n]*\n+(.*?)(?=\n# |\Z)", re.DOTALL | re.MU
 
 
 def question(prompt: str) -> str:
-    """The task in an opening prompt, which stands below the name of its scene; empty if there is none."""
+    """The task in an opening prompt: the text after the name of the scene; empty if there is none."""
     found = _QUESTION.search(prompt)
     return found[1].strip() if found else ""
 

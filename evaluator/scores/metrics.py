@@ -63,7 +63,7 @@ class GroupSummary(Record):
     normalised_interval: Interval | None
     """95 % confidence interval."""
     interval_method: IntervalMethod | None
-    """Method of both intervals; None if no episode is scored."""
+    """Name of the method that computes both intervals; None if no episode is scored."""
     forgiven: dict[NormalisationClass, int]
     """Reason → number of scored episodes that normalised grading accepts and strict grading rejects."""
     skill: float | None = None

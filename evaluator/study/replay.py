@@ -22,7 +22,7 @@ REL_TOL = 1e-9
 
 
 class Difference(Record):
-    """A place where a replay differs from the record."""
+    """A location at which a replay differs from the record."""
 
     key: EpisodeKey
     turn: int

@@ -42,7 +42,7 @@ _POLICY = {
     "content-security-policy": "default-src 'none'; style-src 'self'; script-src 'self'; connect-src 'self';"
     " img-src 'self' data:; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
 }
-"""For the page itself. Reports and notebooks state their own policy, with the hash of their script."""
+"""Content security policy of the page. Reports and notebooks state their own, with the hash of their script."""
 
 
 def app(folder: RunFolder, follow: Callable[[], FollowedRun | None], token: str) -> Starlette:

@@ -28,12 +28,12 @@ _AGENT_FAULTS = (400, 413, 422)
 
 
 class LaboratoryError(Exception):
-    """The host cannot be reached or no longer has the episode. Says nothing about the agent."""
+    """The host cannot be reached or no longer has the episode. The agent is not at fault."""
 
 
 @dataclass(frozen=True, slots=True)
 class CallResult:
-    """What a call returned."""
+    """The result of a tool call."""
 
     text: str
     """Text for the model: the result as JSON, or the reason of a refusal."""

@@ -39,7 +39,7 @@ class RefereeError(Exception):
     """The referee refused the request or cannot be reached; the message is one sentence."""
 
     retry_after_s: float | None = None
-    """Set if all places are in use: after this time the same request may succeed [s]."""
+    """Set if the referee is at its limit of open episodes: wall time after which to retry [s]."""
 
 
 @dataclass(frozen=True, slots=True)

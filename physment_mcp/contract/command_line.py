@@ -1,4 +1,4 @@
-"""Shared by the command lines of both programs: a parser whose errors are one sentence, and reliable Ctrl-C."""
+"""Command lines of both programs: an argument parser with errors of one sentence, and the handling of Ctrl-C."""
 
 import argparse
 import difflib

@@ -52,14 +52,14 @@ class EpisodeQuota:
     taken: int = 0
 
     def acquire(self) -> bool:
-        """Take a place; returns False at the limit."""
+        """Reserve the capacity of one episode; returns False at the limit."""
         if self.taken == self.most:
             return False
         self.taken += 1
         return True
 
     def release(self) -> None:
-        """Free a place."""
+        """Release the capacity of one episode."""
         self.taken -= 1
 
 

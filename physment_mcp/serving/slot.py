@@ -121,7 +121,7 @@ class CallLog:
         return self.calls[first:]
 
     def readings(self) -> Mapping[str, Reading]:
-        """Return the last reading of the place of each object that results of this episode named.
+        """Return the last reading of the position of each object that results of this episode named.
 
         Only clients that show the app need it, so it is computed when they do, from the calls since the last time.
         """

@@ -52,7 +52,7 @@ def depths(sensors: Sensors, qpos: Array, tree: list[int]) -> dict[tuple[int, in
 
 
 def _coarse(model: mujoco.MjModel, fixtures: float) -> mujoco.MjModel:
-    """A copy of a model whose sizes and places of geoms are multiples of steps [m]."""
+    """A copy of a model in which sizes and positions of geoms are rounded to multiples of steps [m]."""
     coarse = copy.copy(model)
     fixed = model.geom_bodyid == 0
     step = np.where(fixed, fixtures, FLOOR)[:, None]

@@ -23,7 +23,7 @@ class SampledPath:
         inner: Number of points of a leg.
         times: Time of each point, and of the end of the last leg [s].
         points: Readable state at these times; shape (states, times).
-        between: The same at the midpoints between two of them.
+        between: Readable state at the midpoints between consecutive times; same shape.
     """
 
     inner: int
@@ -83,8 +83,8 @@ def _step_by_step(alone: Structure, constants: Mapping[str, Any], trials: int, s
 def _linear(alone: Structure, constants: Mapping[str, Any], trials: int, sampled: SampledPath) -> Array:
     """Integrate a hidden body with linear equations of motion along a path; returns its state at each point.
 
-    The state after a gap is linear in the state before it and in the places: one step for each gap of a leg gives the
-    matrices of all legs, which have equal durations.
+    The state after an interval is a linear function of the state before it and of the positions. All legs have equal
+    durations, so the matrices of the intervals of one leg apply to every leg.
     """
     size, inner = len(alone.states) - alone.read, sampled.inner
     basis = np.eye(size + 3 * size)

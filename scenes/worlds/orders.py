@@ -14,7 +14,7 @@ from scenes.worlds.levels import Difficulty, difficulty_of
 from scenes.worlds.records import lines_file, read_records
 
 PUBLIC = "public"
-"""Fixed text in place of a key for the public worlds."""
+"""Constant text that replaces the key for the public worlds."""
 _SPLITS = ("train",) * 6 + ("validation",) * 2 + ("test",) * 2
 """Splits of ten consecutive indexes of the public worlds."""
 

@@ -22,7 +22,7 @@ from scenes.worlds.weak_form import Legs
 _ROUNDS = 8
 _SHIFT = 1e-4
 _OFFERS, _SWAPPED = 10, 6
-"""Number of terms to add that are fitted, and number of terms that are tried in place of one."""
+"""Number of candidate terms that are fitted for an addition, and for the replacement of one term."""
 _FITTED, _ENOUGH = 16, 5
 """Number of neighbours of a structure that are fitted, and number after which a better one ends the expansion."""
 _AGREED, _BARRED, _NARROW = 6, 0.6, 2

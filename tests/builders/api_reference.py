@@ -56,7 +56,7 @@ def _described(package: ModuleType, name: str) -> Iterator[str]:
 
 
 def _constant(package: ModuleType, name: str) -> str:
-    """The docstring beneath the assignment of a name, somewhere in the package."""
+    """Return the docstring beneath the assignment of a name, in the first module of the package that assigns it."""
     assigned = re.compile(rf"^{name}(:.*)? = ", re.MULTILINE)
     for path in sorted(Path(str(package.__file__)).parent.rglob("*.py")):
         if assigned.search(source := path.read_text(encoding="utf-8")):

@@ -56,7 +56,7 @@ async def test_episodes_share_a_laboratory_and_their_prompts_have_examples_if_as
 
 
 def logged(tool: str, start: float, **arguments: Any) -> dict[str, Any]:
-    """Return a call as it stands in the log of a host."""
+    """Return a call as the log of a host contains it."""
     return {"tool": tool, "arguments": arguments, "returned": True, "is_error": False, "content": {}, "text": "{}"} | {
         "started_s": start,
         "duration_s": 0.5,

@@ -25,7 +25,7 @@ Right = Mapping[tuple[int, str], int]
 
 
 class Inversion(NamedTuple):
-    """Two takers in a scene in which the milder one is right less often."""
+    """A scene in which the milder of two synthetic takers is right less often than the other."""
 
     scene: int
     milder: str
@@ -81,7 +81,7 @@ def _mean(values: Iterable[float]) -> float:
 
 
 def main() -> int:
-    """Play what is missing, and print the report."""
+    """Play the episodes that the run folder does not contain yet, and print the report."""
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0] if __doc__ else None)
     parser.add_argument("--scenes", default="7-111", metavar="SEL", help="such as 7-20 (default: 7-111)")
     parser.add_argument("--seeds", default="0-2", metavar="N,…", help="seeds (default: 0-2)")

@@ -32,7 +32,7 @@ from scenes.worlds.weak_form import Legs, to_unit
 NOISE_SEED = 1000
 """Added to the scene id to seed the noise of readings. No certificate uses these seeds; no two worlds share one."""
 LINEAR = {"linear drag", "swirl", "wind", "shear", "saddle", "friction", "spring", "slope"}
-"""Forms of terms that are linear in place and velocity."""
+"""Forms of terms that are linear in position and velocity."""
 _BESIDE = 0.05
 """Initial offset of the informed fit from the drawn constants, as a share of their ranges."""
 
@@ -66,7 +66,7 @@ def unmodulated(record: WorldRecord, seconds: float) -> Prediction:
 
 
 def linear(record: WorldRecord, seconds: float) -> Prediction:
-    """The reference with only those forms that are linear in place and velocity."""
+    """The reference with only those forms that are linear in position and velocity."""
     forms = [form for form in forms_of(record.apparatus) if form.name in LINEAR]
     search = searched(record, seconds)
     return predicted(Search(search.legs, seconds=seconds, forms=forms, modulations=()), record.questions)

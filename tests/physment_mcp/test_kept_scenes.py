@@ -30,7 +30,7 @@ def told(session: Session, name: str, arguments: dict[str, Any]) -> str:
 
 
 def contents(session: Session) -> tuple[Any, ...]:
-    """Return everything that a session holds, for bitwise comparison."""
+    """Return the complete state of a session, for bitwise comparison."""
     world = session.world.save()
     starts = [item.start.tobytes() for item in session.state.objects.values()]
     about = (session.scene.mjcf, session.scene.public.model_dump_json(), opening_prompt(session))

@@ -185,7 +185,7 @@ def test_no_layout_changes_the_hash(
 
 
 def places(value: Any) -> Iterator[tuple[Any, Any]]:
-    """Yield every place in a JSON value: its container, and its name or index there."""
+    """Yield the location of every value in a JSON document: its container, and its key or index there."""
     items = value.items() if isinstance(value, dict) else enumerate(value) if isinstance(value, list) else ()
     for name, inner in items:
         yield value, name

@@ -9,13 +9,13 @@ from scenes import list_packs
 
 MOST_SHARED_LINES = 19
 STATEMENTS = 4
-"""A function of fewer statements is no code that is worth a place of its own."""
+"""Least number of statements of a function that packs must not share; a shorter one is not worth a library function."""
 WORDS = 3
-"""A line of fewer words, such as `else:` or `calls = []`, is the language's and not the pack's."""
+"""Least number of words of a line that counts as shared; `else:` or `calls = []` occur in any Python code."""
 INTERFACE = re.compile(r"def (solve|theory|measure|structure|fit|predict|naive|batch|stage\w*)\(")
 
 LINES_STILL_SHARED: set[tuple[int, int]] = set()
-"""Pairs that are still to be changed. Take out a pair that has become good; add none."""
+"""Pairs of scenes that still share lines. Remove a pair once its code is separated; never add one."""
 FUNCTIONS_STILL_SHARED: set[tuple[int, int]] = set()
 
 

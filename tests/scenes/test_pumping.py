@@ -63,7 +63,7 @@ def test_half_swings_end_at_rest_and_grow_up_to_the_reach() -> None:
 
 
 def test_no_plausible_member_passes_the_reach() -> None:
-    """The softest spring swings up to the reach, so the stiffer best-fit spring is pushed less."""
+    """The pushes are limited by the softest plausible spring, which must not swing beyond the reach."""
     soft = 0.7 * STIFFNESS
     both = np.array([[MASS, MASS], [STIFFNESS, soft]])
     start = (0.6, -0.1)

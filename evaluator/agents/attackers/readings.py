@@ -148,7 +148,7 @@ class Quantity:
     """One numeric reading."""
 
     name: str
-    """Object, tool, field and component; the same for every reading of the same quantity."""
+    """Identity of a reading: object, tool, field and component."""
     value: float
     """[`unit`]"""
     unit: Unit

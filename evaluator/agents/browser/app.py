@@ -84,7 +84,7 @@ class _Pages:
     states: Mapping[str, PageState]
 
     async def page(self, request: Request) -> Response:
-        """The page itself. Opening it needs no page number."""
+        """Return the HTML of the page. This request needs no page number, unlike the others."""
         await anyio.lowlevel.checkpoint()
         self._of(request)
         text = (files("evaluator.agents.browser") / "play.html").read_bytes()
@@ -129,7 +129,7 @@ class _Pages:
         return Response(status_code=204)
 
     async def take_over(self, request: Request) -> Response:
-        """Make this page the open one; the state of the other page is refused from now on."""
+        """Make this page the active one, so that requests of the person's other open pages are refused."""
         self._of(request).window = ""
         self._admit(request).change()
         return Response(status_code=204)

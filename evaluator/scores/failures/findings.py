@@ -79,7 +79,7 @@ def expected_form(key: AnswerKey, task: str = "") -> ExpectedForm:
 
 
 class Evidence(Record):
-    """One place in a transcript that shows a failure."""
+    """A location in a transcript that shows a failure."""
 
     turn: int
     """Index of the turn, from 0."""

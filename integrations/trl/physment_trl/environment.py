@@ -17,7 +17,7 @@ CLOSED = "The episode has ended: your answer was accepted, and no call is run an
 
 
 class EpisodeLost(Exception):
-    """The episode failed for a reason that says nothing about the agent."""
+    """The episode failed for a technical reason, and not by a fault of the agent."""
 
 
 class OpenEpisode(Protocol):

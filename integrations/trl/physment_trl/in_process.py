@@ -14,7 +14,7 @@ from physment_mcp import RefusedCall, open_episode
 from physment_trl.environment import LaboratoryEnvironment
 
 Worth = Literal["strict", "graded", "chance_corrected"]
-"""What an answer earns, as for `physment-eval referee --reward`."""
+"""The reward of an answer, as for `physment-eval referee --reward`."""
 
 
 class InProcessPhysMent(LaboratoryEnvironment):

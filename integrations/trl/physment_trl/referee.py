@@ -10,17 +10,17 @@ from physment_referee import OpenedEpisode, Referee, RefereeError
 from physment_trl.environment import EpisodeLost, LaboratoryEnvironment
 
 PATIENCE_S = 600.0
-"""Longest time to wait for a place of the referee [s]."""
+"""Longest time to wait until the referee can open another episode [s]."""
 
 
 class PhysMent(LaboratoryEnvironment):
     """Plays on the host of the referee that `PHYSMENT_REFEREE_URL` and `PHYSMENT_REFEREE_TOKEN` name."""
 
     def _open(self, wanted: dict[str, Any]) -> "RefereedEpisode":
-        """Open an episode, and wait while all places of the referee are in use.
+        """Open an episode. While the referee is at its limit of open episodes, wait and retry.
 
         Raises:
-            RefereeError: The referee refused, cannot be reached, or had no place for ten minutes.
+            RefereeError: The referee refused, cannot be reached, or stayed at its limit for ten minutes.
         """
         referee, until = Referee.from_environment(), time.monotonic() + PATIENCE_S
         while True:

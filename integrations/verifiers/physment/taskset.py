@@ -112,7 +112,7 @@ class PhysmentTask(vf.Task[PhysmentData, LaboratoryState, PhysmentTaskConfig]):
         return found.strict == "correct"
 
     async def _opened(self, **wanted: Any) -> OpenedEpisode:
-        """Open an episode, and wait while all places of the referee are in use."""
+        """Open an episode. While the referee is at its limit of open episodes, wait and retry."""
         while True:
             try:
                 return await asyncio.to_thread(self._referee().open, **wanted)

@@ -46,7 +46,7 @@ def appearance(model: mujoco.MjModel, data: mujoco.MjData, geom: int) -> Array:
 
 
 def same_parts(variants: Sequence[str], found_later: Collection[str]) -> frozenset[Part]:
-    """Return the geoms that look the same in every variant of a scene, on bodies at the same place.
+    """Return the geoms that look the same in every variant of a scene, on bodies at the same position.
 
     Args:
         variants: MJCF of the scene with the values of different seeds.
@@ -84,7 +84,7 @@ def _appearances(mjcf: str, found_later: Collection[str]) -> frozenset[tuple[Par
 
 
 def _frame(data: mujoco.MjData, body: int) -> Array:
-    """Return place and orientation of a body (12,), rounded to nanometres."""
+    """Return position and orientation of a body (12,), rounded to nanometres."""
     return np.round(np.concatenate([data.xpos[body], data.xmat[body]], dtype=np.float64), 9)
 
 

@@ -32,7 +32,7 @@ class Ground:
 
 
 class Studio:
-    """A lit model before a camera that stands still.
+    """A model with lights and a fixed camera, from which images are rendered.
 
     Args:
         mjcf: The visible bodies, written by `picture_model`.

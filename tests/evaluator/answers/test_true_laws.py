@@ -39,7 +39,7 @@ def read(engine: Engine, true: TrueLaw) -> list[float]:
 
 
 def put(engine: Engine, true: TrueLaw, places: list[float], speeds: list[float]) -> None:
-    """Move the objects of the engine to places and give them velocities."""
+    """Set positions and velocities of the objects in the engine."""
     for body in true.objects:
         place, velocity = engine.pose(body).position.copy(), np.zeros(3)
         for (name, axis, _), x, v in zip(true.model.coordinates, places, speeds, strict=True):

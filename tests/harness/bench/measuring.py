@@ -78,7 +78,7 @@ def busy_s(work: Work, calls: int) -> float:
 
 
 def row_of(what: str, pairs: Sequence[tuple[float, float]], aim: float) -> Row:
-    """Make the row from the times of both sides [s] in each round."""
+    """Make the table row from pairs of durations [s], one pair for each round."""
     ratios = [mine / other for mine, other in pairs]
     low, _, high = statistics.quantiles(ratios, n=4)
     return Row(

@@ -24,7 +24,7 @@ _TERMS = (
     "-0.4*{v}", "-0.1*{v}*hypot(vx, vy)", "-0.3*{p}", "0.5*sin({p}+1)", "0.2*cos(2*t)*{p}", "-0.2*{p}/(1+hypot(x, z))",
     "0.1*tanh({v})",
 )  # fmt: skip
-"""Forces along a line that depend on place and velocity, as in a world of a high level."""
+"""Forces along a line that depend on position and velocity, as in a world of a high level."""
 
 
 def _puck(laws: int) -> str:

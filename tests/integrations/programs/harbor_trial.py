@@ -175,7 +175,7 @@ class Forger(BaseAgent):
         """Nothing to install."""
 
     async def run(self, instruction: str, environment: BaseEnvironment, context: Any) -> None:
-        """Forge, and ask."""
+        """Forge files and call the laboratory without a token."""
         call = {"tool": "answer", "arguments": {"answer": 250}, "returned": True, "is_error": False, "content": None}
         log = json.dumps({"ended": True, "calls": [call | {"text": "", "started_s": 0, "duration_s": 0}]})
         for path in ("/laboratory/calls.json", "/logs/artifacts/laboratory/calls.json"):
