@@ -45,7 +45,7 @@ def test_the_arithmetic_of_the_first_experiment_is_right() -> None:
 
 
 def test_the_commands_of_the_first_evaluation_print_what_the_page_says(tmp_path: Path, host_url: str) -> None:
-    """Uses a running host and no workers, to save time."""
+    """The commands run with a host that is already running and without workers, to save time."""
     printed = ""
     for language, block in parts("your-first-evaluation"):
         if language == "text":

@@ -105,7 +105,7 @@ def test_the_shared_client_needs_the_standard_library_alone() -> None:
 
 
 def test_the_shared_client_repeats_what_a_referee_reads() -> None:
-    """A test of the referee compares the replies."""
+    """Checks the fields of requests. A test of the referee compares the replies."""
     client = referee_client()
     options = {"split", "world", "budget", "max_calls", "prompting"}
     assert {*client._NUMBERS, *options} == WantedEpisode.model_fields.keys()

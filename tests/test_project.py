@@ -60,7 +60,7 @@ def test_every_make_target_is_explained_and_is_no_file() -> None:
 
 
 def test_the_tests_and_their_coverage_need_no_published_packs() -> None:
-    """Contributors do not have them, so other tests must cover the same code."""
+    """Contributors do not have the published packs, so the other tests must cover the same code."""
     recipe = re.search(r"^test:.*\n((?:\t.*\n)+)", MAKEFILE, flags=re.MULTILINE)
     assert recipe is not None
     assert re.match(r"\t@PHYSMENT_ORIGINAL=/nonexistent .*-m pytest .*--cov", recipe[1])
@@ -76,7 +76,7 @@ def test_the_modules_that_must_be_covered_exist() -> None:
 
 
 def test_every_test_that_reads_the_published_packs_is_marked() -> None:
-    """The mark skips it where they are missing, and excludes it from coverage where they are present."""
+    """The mark `published` skips a test where the packs are missing, and excludes it from coverage where they exist."""
     reading = {
         file.relative_to(ROOT).as_posix(): file.read_text(encoding="utf-8")
         for file in (ROOT / "tests").rglob("test_*.py")

@@ -33,7 +33,7 @@ def test_code_of_a_pack_does_not_run_where_only_its_data_is_needed(packs: Path, 
 
 
 def test_any_run_computes_its_keys_with_the_code_of_a_pack(packs: Path, tmp_path: Path) -> None:
-    """Documents the behaviour that SECURITY.md warns about."""
+    """SECURITY.md warns of this behaviour; the test fails if the warning is out of date."""
     words = ["--agent", "blind", "--scenes", "7", "--seeds", "3", "--scenes-dir", str(packs)]
     evaluate([*words, "--out", str(tmp_path / "run"), "--max-time", "0.001"])
     assert (packs / "ran").exists()
@@ -46,6 +46,6 @@ def test_the_tests_that_hold_the_promises_exist() -> None:
 
 
 def test_lint_runs_the_code_of_a_pack(packs: Path) -> None:
-    """Documents what SECURITY.md warns about, and shows that the test above would detect the pack's code."""
+    """SECURITY.md warns of this behaviour. The test also shows that the one above detects code of a pack."""
     evaluate(["lint", "--scenes-dir", str(packs)])
     assert (packs / "ran").exists()

@@ -165,7 +165,7 @@ class _TakerPlayer:
         raise AgentError("the protocol cannot continue without the calls that were not made")
 
     def _sent(self, calls: Sequence[ToolCall]) -> Iterator[ToolCall]:
-        """Yield the calls to execute: some with wrong arguments, none beyond the limit, and an answer by the known laws."""
+        """Yield the calls to make: some with wrong arguments, none over the limit; an answer uses the known laws."""
         for number, asked in enumerate(calls, self.asked):
             if asked.tool == ANSWER:
                 yield self._fitted(asked) if self.handicap.law else asked

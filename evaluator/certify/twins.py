@@ -67,7 +67,7 @@ def modalities(subject: Subject) -> list[str]:
 
 
 async def check_modality(subject: Subject) -> Check:
-    """Check that without the category's tool, twins in at least one knob give the same readings in all sequences."""
+    """Check that the category's tool is needed: without it, readings do not depend on at least one knob."""
     tools = modalities(subject)
     reasons: list[str] = []
     figures: dict[str, list[str]] = {}

@@ -94,7 +94,7 @@ class ScoredEpisode:
 
     @property
     def is_withdrawn(self) -> bool:
-        """Whether it has no verdict because of a known fault of its pack."""
+        """Whether the episode has no verdict because of a known fault of its pack."""
         return is_withdrawn(self.episode, self.erratum)
 
     @property

@@ -139,7 +139,7 @@ class WorkerSlot:
     """Number of episodes that the worker plays at a time."""
     ready: bool = False
     life: int = 0
-    """Number of times that the worker was lost. The pool discards free slots that the worker offered before the last loss."""
+    """Number of times that the worker was lost. Free slots offered before the last loss are discarded."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -39,7 +39,11 @@ SEARCH_SECONDS = 60.0
 
 
 def protocol(line: str) -> Callable[[str], Protocol]:
-    """Return the protocol of a world, from the line of its record. It does not use the constants."""
+    """Return the reference protocol of a world, which uses its structure but not its constants.
+
+    Args:
+        line: The line of the world's record.
+    """
     record = WorldRecord.model_validate_json(line)
 
     def solve(prompt: str) -> Protocol:

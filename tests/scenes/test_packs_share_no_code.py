@@ -9,7 +9,7 @@ from scenes import list_packs
 
 MOST_SHARED_LINES = 19
 STATEMENTS = 4
-"""Least number of statements of a function that packs must not share; a shorter one is not worth a library function."""
+"""Least number of statements of a function that packs must not share."""
 WORDS = 3
 """Least number of words of a line that counts as shared; `else:` or `calls = []` occur in any Python code."""
 INTERFACE = re.compile(r"def (solve|theory|measure|structure|fit|predict|naive|batch|stage\w*)\(")

@@ -72,7 +72,7 @@ def test_a_test_ends_at_its_standard_error_or_when_nothing_is_left() -> None:
 
 
 def test_half_as_many_episodes_find_nearly_the_ability_of_the_full_test_and_intervals_cover() -> None:
-    """A quick version of `tests.harness.calibration.adaptive`, which gives the figures."""
+    """Runs a smaller simulation than `tests.harness.calibration.adaptive`, which gives the published figures."""
     found = simulated(60, 1, np.random.default_rng(5))
     away = [one.half.ability - one.full.ability for one in found]
     assert all((one.full.answers, one.half.answers) == (105, 52) for one in found)

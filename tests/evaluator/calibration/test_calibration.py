@@ -33,7 +33,7 @@ def record(taker: str, scene: int, *, right: bool | None, seed: int = 0, pack: s
 
 
 def test_intervals_of_simulated_takers_cover() -> None:
-    """A quick version of `tests/harness/calibration/coverage.py`, which gives the figure."""
+    """Runs a smaller simulation than `tests/harness/calibration/coverage.py`, which gives the published figure."""
     source, found = np.random.default_rng(1), list[bool]()
     for design in DESIGNS[:2]:
         for _ in range(8):

@@ -324,7 +324,7 @@ def test_the_stored_key_is_that_of_theory_and_engine_and_the_scene_is_sane(scene
     "scene", [scene if scene in PLAYED else pytest.param(scene, marks=pytest.mark.every_scene) for scene in SCENES]
 )
 async def test_the_reference_finds_the_key_through_mcp(scene: int, memory: EpisodeConnector) -> None:
-    """On seed 0. `physment-eval verify --all`, which runs each night, asks for 20 seeds."""
+    """Plays only seed 0. `physment-eval verify --all`, which runs each night, plays 20 seeds."""
     subject = Subject.open(find_pack(scene))
     assert reasons_of([check_key(subject, [await play_reference(subject, 0, memory)])]) == []
 

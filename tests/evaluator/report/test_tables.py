@@ -48,7 +48,7 @@ def test_the_attackers_are_baselines_too_and_agents_with_such_names_are_not() ->
 
 
 def open_world(scene: int, agent: str, *, graded: float) -> ScoredEpisode:
-    """The episode of `played` in an open world; its scene allows 10 calls."""
+    """Return an episode in an open world whose scene allows 10 calls."""
     row = played(scene, agent, 20, right=graded == 1)
     return scored(row.episode, grade(graded == 1, graded=graded), "open", limits=LabLimits(calls=10))
 

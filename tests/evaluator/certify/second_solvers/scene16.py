@@ -8,7 +8,7 @@ from scenes.protocol import Protocol, answer, call
 FLOOR = 1.0
 """Height of the upper side of the pan's floor at the start [m]."""
 RADIUS = 0.1
-"""Of the ball [m]; it fits into the pan."""
+"""Radius of the ball [m], which fits into the pan."""
 PRESSURES = (5.0, 15.0)
 """Downward forces on the ball [N]."""
 WAIT = 40.0

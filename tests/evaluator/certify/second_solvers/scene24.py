@@ -6,7 +6,7 @@ from math import atan2, hypot
 from scenes.protocol import Protocol, answer, call
 
 LAPSE = 0.05
-"""In which the ball makes much less than half a turn [s]."""
+"""Time in which the ball makes much less than half a turn [s]."""
 LAPSES = 20
 
 

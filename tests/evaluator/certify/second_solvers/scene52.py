@@ -10,7 +10,7 @@ LEFT, RIGHT, LEVEL = 1, 2, 0
 
 
 def solve(task: str) -> Protocol:
-    """Release it and read which way it turns: about +y, the right end goes down."""
+    """Release the plank and read its angular momentum: if this is positive about y, the right end goes down."""
     readings = yield [
         call("step", duration=LAPSE),
         call("get_angular_momentum", object_id="object_1", mass=1.0),

@@ -5,7 +5,7 @@ from scenes.protocol import Protocol, answer, call
 DRUMS = {"object_1": -0.5, "object_2": 0.5}
 """Drum and the x of its axis [m]."""
 ARM = 0.25
-"""From the axis to the pointer, clear of the drum [m]."""
+"""Distance of the pointer from the axis [m]; the pointer does not touch the drum."""
 RADIUS = 0.02
 DENSITY = 1.0
 """Density of the pointers [kg/m³]; their mass of 3e-5 kg is negligible."""

@@ -6,7 +6,7 @@ Mass and shape cancel in the quotient, so no moments of inertia are needed.
 from scenes.protocol import Call, Protocol, Reading, answer, call
 
 MASS = 1.0
-"""Any value gives the same result [kg]."""
+"""Assumed mass [kg]. The result does not depend on it."""
 WAIT = 30.0
 """Time after which the weights no longer move [s]."""
 

@@ -3,7 +3,7 @@
 from scenes.protocol import Protocol, answer, call
 
 ASKED = 0.8
-"""Instant the speed is asked for [s]."""
+"""Time at which the question asks for the speed [s]."""
 HALF = 0.2
 """Half of the time over which the mean is taken [s]."""
 

@@ -12,7 +12,7 @@ GRAVITY = 9.81
 AXIS_HEIGHT = 1.0
 PLACE = 0.5
 FORCES = (0.0, 2.0)
-"""Upward forces on the thing [N]."""
+"""Upward forces on the found object [N]."""
 WAIT = 60.0
 """Time in which the beam comes to rest [s]."""
 
