@@ -3,7 +3,6 @@
 import gc
 import json
 import math
-import time
 import weakref
 from typing import Any
 
@@ -120,16 +119,17 @@ def test_a_bad_law_is_refused_with_one_sentence(law: object, sentence: str) -> N
     assert len(found) < 400
 
 
-def test_a_law_is_refused_in_a_moment_however_it_is_written() -> None:
+def test_powers_of_powers_are_never_computed_as_integers() -> None:
+    """Python would compute 9**9**9, of 370 million digits, for hours; a law has floating-point numbers alone."""
     costly = x("a39", let={"a0": "2", **{f"a{n}": f"a{n - 1}**a{n - 1}" for n in range(1, 40)}})
     nested = x("hypot(" + ",".join(["9**9**9"] * 20) + ")")
-    before = time.process_time()
-    for law in (costly, nested, x("%".join(["9"] * 499)), x("<".join(["t"] * 499))):
-        try:
-            StatedLaw(law, OBJECTS)
-        except ExpressionError:
-            continue
-    assert time.process_time() - before < 5
+    for law in (costly, nested):
+        assert refusal(law).endswith("a number becomes too large, at any state")
+
+
+def test_a_wide_law_within_the_limit_of_operations_is_compiled() -> None:
+    lengths = [StatedLaw(x(sign.join([name] * 499)), OBJECTS).length for sign, name in (("%", "9"), ("<", "t"))]
+    assert lengths == [997, 500]
 
 
 def test_a_law_of_too_many_operations_is_refused() -> None:
