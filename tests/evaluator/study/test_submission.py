@@ -19,7 +19,8 @@ from evaluator.study.integrity import Sealing
 def played(tmp_path_factory: pytest.TempPathFactory, host_url: str) -> Path:
     """A run with right and wrong answers, and its submission."""
     folder = tmp_path_factory.mktemp("submitted") / "run"
-    agents = ["--agent", "reference", "--agent", "blind"]
+    # One at a time, because episodes are stored in the order in which they end.
+    agents = ["--agent", "reference", "--agent", "blind", "--concurrency", "1"]
     assert main(["run", *agents, "--scenes", "7,8", "--seeds", "0,3", "--server", host_url, "--out", str(folder)]) == 0
     assert main(["submit", str(folder)]) == 0
     return folder
