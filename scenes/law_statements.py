@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 from physment_mcp.contract.expressions import FUNCTIONS, ExpressionError, Language, Node, names_in
-from physment_mcp.contract.stated_laws import LOADS, PLACES, SPEEDS
+from physment_mcp.contract.stated_laws import LOADS, PLACES, SPEEDS, StatedLaw
 
 CATCH = "gate"
 """Name of the body whose laws catch an object at the rim of the floor. Statements omit these laws."""
@@ -312,7 +312,7 @@ def law_model(mjcf: str) -> LawModel:
     """Return the law of a model, with the coordinates of its objects and the radius of its floor or rail.
 
     Raises:
-        UnstatableLawError: As for `statement_of`.
+        UnstatableLawError: As for `statement_of`, or the statement is longer than those that can be compared.
     """
     root = ET.fromstring(mjcf)  # noqa: S314 - a model of a pack that the operator named
     found = tuple(
@@ -322,4 +322,9 @@ def law_model(mjcf: str) -> LawModel:
         for axis in (*sorted(body.slides), *(["angle"] if body.hinged else []))
     )
     sizes = [geom.get("size", "0") for geom in root.iter("geom") if geom.get("name") in {"floor", "rail"}]
-    return LawModel(statement_of(mjcf), found, float(sizes[0].split()[0]) if sizes else None)
+    statement = statement_of(mjcf)
+    try:
+        StatedLaw(statement, [*statement["acceleration"]])
+    except ExpressionError as error:
+        raise UnstatableLawError(f"the law of the model as agents would state it is refused: {error}") from error
+    return LawModel(statement, found, float(sizes[0].split()[0]) if sizes else None)

@@ -99,6 +99,12 @@ def test_a_model_in_which_more_than_laws_acts_has_no_statement(bodies: str, opti
         law_model(model([], bodies, options))
 
 
+def test_a_law_that_is_too_long_to_be_compared_has_no_statement() -> None:
+    laws = [{"on": "object_1", "force": ["+".join(["x"] * 100), "0", "0"]}] * 6
+    with pytest.raises(UnstatableLawError, match="is refused: it has 7848 characters"):
+        law_model(model(laws))
+
+
 def expressions() -> st.SearchStrategy[Node]:
     leaves = st.sampled_from([Node("name", text="a"), Node("name", text="b")]) | st.sampled_from(
         [Node("number", text=text) for text in ("0", "1", "2", "0.5")]
