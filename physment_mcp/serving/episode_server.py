@@ -197,7 +197,7 @@ class EpisodeServer:
         return episode_id
 
     async def serve(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Pass a request to the MCP server of its episode, or to the one for episodes that no longer exist."""
+        """Pass a request to the MCP server of its episode, or to the server that answers for closed episodes."""
         request = Request(scope, receive)
         episode = self._episodes.get(scope["path_params"]["episode_id"])
         if not self._may_play(request, episode):

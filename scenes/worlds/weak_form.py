@@ -224,7 +224,7 @@ class Whitened:
 
     @functools.cached_property
     def _carried(self) -> Array:
-        """Errors of the readings → errors of the legs: the error at the end minus the propagated one at the start."""
+        """Map errors of readings to errors of legs: the error at the end minus the propagated error at the start."""
         count, size = self.slopes.shape[:2]
         found = np.eye(count * size)
         for leg in range(1, count):

@@ -49,7 +49,7 @@ class Stand:
         )  # fmt: skip
 
     def environment(self) -> dict[str, str]:
-        """Environment variables of its programs, without paths to this project's packages."""
+        """Environment variables of the integration's programs, without paths to this project's packages."""
         kept = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
         ours = {"PHYSMENT_REFEREE_URL": self.referee, "OPENAI_BASE_URL": f"{self.model}/v1", "OPENAI_API_KEY": KEY}
         return {**kept, **ours, "PATH": f"{self.programs}{os.pathsep}{os.environ['PATH']}"}
@@ -108,5 +108,5 @@ def place_of(scene: int, seed: int) -> int:
 
 
 def json_lines(file: Path) -> list[Mapping[str, Any]]:
-    """The records of a file with one in each line."""
+    """Parse a file that contains one JSON object per line."""
     return [json.loads(line) for line in file.read_text(encoding="utf-8").splitlines()]

@@ -20,7 +20,7 @@ def stand(tmp_path_factory: pytest.TempPathFactory) -> Generator[Stand]:
 
 
 def dataset(stand: Stand, name: str, *words: object) -> Path:
-    """A dataset that its command writes."""
+    """Let the command of `physment-nemo-gym` write a dataset; returns the file."""
     done = stand.run("python", "-m", "physment_nemo_gym.dataset", *words)
     assert done.returncode == 0, done.stderr
     file = stand.scratch / name

@@ -51,7 +51,7 @@ def test_a_name_that_is_not_there_is_an_attribute_error() -> None:
 
 
 def test_nothing_inside_the_package_imports_its_public_names() -> None:
-    """Such an import would make a module depend on `library`, and imports circular."""
+    """An import of the public names would make a module depend on `library`, and imports would be circular."""
     root = Path(str(physment_mcp.__file__)).parent
     importing = [
         path.relative_to(root)

@@ -14,7 +14,7 @@ from tests.builders.bench import Bench, public_pack
 from tests.builders.laboratory import OpenLab
 
 BALL = {"pos": [0, 0, 8], "density": 1000 / (4 / 3 * math.pi), "rgba": [1, 1, 1, 1]}
-"""With radius r, a ball of 1000 r³ kg."""
+"""Arguments of `create_ball`: with a radius of r metres, the ball has a mass of 1000 r³ kg."""
 
 
 async def lab_with(open_lab: OpenLab, pack: dict[str, Any], limits: dict[str, Any]) -> Bench:

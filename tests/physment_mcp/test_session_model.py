@@ -44,7 +44,7 @@ class Thing:
     speed: float = 0.0
     force: float = 0.0
     predictable: bool = True
-    """False once it was attached to another."""
+    """False once the object has been attached to another object."""
 
     def after(self, duration: float) -> "Thing":
         """Uniform acceleration: z + v t + ½ a t², v + a t."""

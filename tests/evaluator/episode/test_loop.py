@@ -134,9 +134,7 @@ async def test_of_two_lists_in_a_reply_none_is_run_and_the_agent_reads_why() -> 
 
 @pytest.mark.parametrize("protocol", ["native", "text"])
 async def test_the_prompt_states_which_calls_of_a_reply_are_run(protocol: str) -> None:
-    """The loop's behaviour itself is tested by `test_a_call_that_does_not_fit_its_schema_stops_the_batch…` and the next
-    test.
-    """
+    """Checks only the text. `test_a_call_that_does_not_fit_its_schema_stops_the_batch…` tests that the loop does so."""
     async with Client(open_episode(7).server()) as client:
         key = episode_key(protocol=protocol)
         prompt = await opening_prompt(client, key, 5)

@@ -171,7 +171,7 @@ def test_the_form_of_an_answer_is_told_as_far_as_it_is_public(spec: dict[str, An
 
 
 def test_each_list_of_numbers_is_told_as_long_as_its_answer_is() -> None:
-    """If the pack's spec does not state the count of numbers, the page does not either."""
+    """The page states how many numbers an answer has only if the answer spec of the pack does."""
     for files, pack in readable():
         spec = pack.answer_spec
         if spec is None or spec.kind is not AnswerKind.NUMBERS:

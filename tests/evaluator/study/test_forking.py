@@ -24,7 +24,7 @@ SCRIPT = {
 
 
 class Telling:
-    """An agent whose answer is the length of its prompt, so that a test can detect the added account."""
+    """An agent whose answer is the length of its prompt, so that a test can detect text that was added to it."""
 
     name = "telling"
     told: dict[EpisodeKey, Briefing] = {}  # noqa: RUF012 - read by tests

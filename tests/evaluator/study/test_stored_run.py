@@ -179,7 +179,7 @@ OTHER = "0" * 16
 
 @pytest.fixture(scope="module")
 def today(tmp_path_factory: pytest.TempPathFactory, host_url: str) -> RunFolder:
-    """The same run, played by the present code. Tests copy it before they change it."""
+    """The stored run, played again by the present code. Tests copy it before they change it."""
     folder = RunFolder(tmp_path_factory.mktemp("today") / "run")
     assert play(folder.path, host_url) == 0
     return folder

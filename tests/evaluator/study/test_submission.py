@@ -151,7 +151,7 @@ def test_a_forged_reading_is_found_by_the_replay(folder: RunFolder, check: Calla
 def test_a_sealed_forgery_that_fits_the_laboratory_passes_and_the_help_says_so(
     folder: RunFolder, check: Callable[..., tuple[int, str]], capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """No agent gave this answer, but the laboratory would have accepted it."""
+    """The forged answer was given by no agent, but the laboratory would have accepted it."""
 
     def forge(episode: Episode) -> Episode:
         content, given = json.loads(episode.model_dump_json()), json.dumps(episode.answer)
@@ -217,7 +217,7 @@ def test_a_run_that_is_not_whole_is_not_submitted(
 
 
 def test_a_run_of_a_program_is_confirmed_too(tmp_path: Path, host_url: str, capsys: pytest.CaptureFixture[str]) -> None:
-    """Its episodes have one turn per call, and another prompt than those that the loop plays."""
+    """Episodes of a program have one turn per call, and another prompt than episodes of the evaluator's agent loop."""
     program = tmp_path / "agent.py"
     program.write_text(
         "import sys, anyio\nfrom mcp import Client\n\nasync def play(url):\n    async with Client(url) as laboratory:\n"

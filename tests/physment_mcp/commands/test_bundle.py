@@ -114,7 +114,7 @@ def test_the_bundle_holds_no_private_half(packed: Path, unpacked: Path) -> None:
 
 
 def test_every_file_of_the_package_is_in_the_bundle(unpacked: Path) -> None:
-    """Includes files that are not modules, such as the page of the chat app."""
+    """The bundle must also contain files that are not modules, such as the page of the chat app."""
     package = Path(str(physment_mcp.__file__)).parent
     files = {path.relative_to(package) for path in package.rglob("*") if path.is_file() and path.suffix != ".pyc"}
     bundled = unpacked / "physment_mcp"

@@ -142,7 +142,7 @@ def rotation(quaternion: Any) -> Rotation:
 
 
 async def test_orientation_and_joint_angle_of_one_body_have_the_same_noise() -> None:
-    """Otherwise the mean of the two would have less noise. They differ in second order of the noise."""
+    """With independent noise, the mean of both readings would be more precise than each of them."""
     lab = bench(PENDULUM, noise={"angle": 0.001})
     world = lab.session.world
     errors: list[float] = []
@@ -195,7 +195,7 @@ async def test_a_contact_is_read_the_same_whichever_object_is_named_first() -> N
 
 
 async def test_a_contact_tells_no_more_of_a_body_than_the_readings_of_that_body() -> None:
-    """Its noise contains that of both bodies, so averaging with their readings gains nothing."""
+    """The noise of a contact contains that of both bodies, so averaging with their readings gains nothing."""
     readout = Readout({"position": Fineness(0, 0.02)}, "7")
     world = World(f"<mujoco>{HEAD}<worldbody>{TOUCHING}</worldbody></mujoco>", readout=readout)
     exact = World(f"<mujoco>{HEAD}<worldbody>{TOUCHING}</worldbody></mujoco>")
