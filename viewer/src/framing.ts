@@ -58,7 +58,11 @@ const UP: Triple = [
  */
 export function cameraFor(drawing: Drawing, moments: Poses[], aspect: number, marks: Points = []): Camera {
   const subject = subjectOf(drawing, moments, marks);
-  if (subject.things.length === 0) return { centre: [0, 0, 0], distance: 4, extent: 2, floor: 0 };
+  const [first = [0, 0, 0] as Triple] = subject.things;
+  // Nothing, or a single point, such as the fixed end of a spring whose object was not read yet, has no size.
+  if (subject.things.length === 0 || sizeOf(subject.things) === 0) {
+    return { centre: first, distance: 4, extent: 2, floor: first[2] };
+  }
   const low = bound(subject.things, Math.min);
   const high = bound(subject.things, Math.max);
   const reach = Math.min(ROUND_ALL * Math.max(...minus(high, low)), ROUND_ONE * subject.size);

@@ -387,3 +387,22 @@ def test_dragging_an_object_draws_a_force_within_the_limit_into_the_form_and_sen
             == 1
         )
         assert [one for one in page.complaints if "GPU stall" not in one] == []
+
+
+@pytest.mark.skipif(PROGRAM is None, reason="Chromium is not installed")
+def test_a_scene_of_which_only_one_point_is_known_has_axes_and_a_scale(tmp_path: Path, host_url: str) -> None:
+    assert PROGRAM
+    # Nothing is watched, and the only fixed point is the end of a spring.
+    with (
+        playing(tmp_path, host_url, scene=101) as played,
+        chromium(PROGRAM, tmp_path / "profile", *SOFTWARE_WEBGL) as page,
+    ):
+        page.look(1280, "light")
+        page.visit(played.address)
+        page.wait("(document.querySelector('.lab-scale')?.textContent ?? '') !== ''")
+        assert re.fullmatch(r"[\d.]+ m", page.run("document.querySelector('.lab-scale').textContent"))
+        page.wait("!document.getElementById('run').disabled")
+        page.run("document.getElementById('run').click()")
+        page.wait("document.querySelector('.lab-read') !== null")
+        assert re.fullmatch(r"[\d.]+ m", page.run("document.querySelector('.lab-scale').textContent"))
+        assert page.run("Number(document.querySelector('.lab-read').getAttribute('cx')) > 0")
