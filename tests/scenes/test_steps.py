@@ -29,7 +29,7 @@ STEPS = PushSteps(
 
 
 class _Body:
-    """A body on a spring in oil; another body moves with it by a tenth."""
+    """A body on a spring in oil; a second body is displaced by a tenth of its displacement."""
 
     def __init__(self) -> None:
         self.force = self.way = self.speed = self.fastest = 0.0
