@@ -198,7 +198,7 @@ class Laws:
         return unit
 
     def best(self, course: Course) -> tuple[str, dict[str, float]]:
-        """Return the structure with the best fit, with a penalty for each constant, and its constants."""
+        """Return the structure with the best fit, with a penalty for each fitted constant, and its constants."""
         return self.cheapest(self.fits(course))
 
     def fits(self, course: Course) -> dict[str, tuple[float, dict[str, float]]]:
@@ -224,7 +224,7 @@ class Laws:
         return course.count + _DEVIATIONS * float(np.sqrt(2 * course.count))
 
     def cheapest(self, fits: Mapping[str, tuple[float, dict[str, float]]]) -> tuple[str, dict[str, float]]:
-        """Return the best fit by chi-square with a penalty for each constant."""
+        """Return the best fit by chi-square with a penalty for each fitted constant."""
         name = min(fits, key=lambda name: fits[name][0] + self.price * len(self.names(name)))
         return name, fits[name][1]
 

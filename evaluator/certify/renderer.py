@@ -26,7 +26,8 @@ class NoRenderer(Exception):
 def renderers(count: int) -> Generator[ProcessPoolExecutor]:
     """Start processes that can render, and end them after the block.
 
-    Functions that run in them must import the drawing code themselves, after the choice of the library.
+    Each process selects an OpenGL library (`MUJOCO_GL`) when it starts. Functions that run in it must therefore import
+    the drawing code in their body: an import at the top of a module would load it before the selection.
 
     Args:
         count: Number of processes.
@@ -68,7 +69,7 @@ def _prepare(renderer: str) -> None:
 
 def _draws() -> bool:
     try:
-        from evaluator.certify.pictures import check_renderer  # noqa: PLC0415 - after the choice of the library, only in a worker process
+        from evaluator.certify.pictures import check_renderer  # noqa: PLC0415 - after MUJOCO_GL is set, only in a worker process
 
         check_renderer()
     except Exception:  # noqa: BLE001 - each library raises different errors

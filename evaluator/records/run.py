@@ -232,7 +232,7 @@ class RunRecord(OpenRecord):
 
 
 class RunningEpisode(Record):
-    """An episode that is being played, for displays."""
+    """The state of an episode that is being played, as progress displays show it."""
 
     key: EpisodeKey
     turn: int

@@ -146,7 +146,7 @@ def carry_state(old: mujoco.MjModel, state: mujoco.MjData, new: mujoco.MjModel) 
 
 
 def _in_both(old: mujoco.MjModel, new: mujoco.MjModel, kind: mujoco.mjtObj, count: int) -> Generator[tuple[int, int]]:
-    """Index in `new` and index in `old` of every element of a kind that both models have, by name."""
+    """Match the elements of a kind in two models by name; yield the index in `new` and in `old` of each match."""
     for index in range(count):
         before = mujoco.mj_name2id(old, kind, mujoco.mj_id2name(new, kind, index))
         if before >= 0:

@@ -105,7 +105,7 @@ def _stored_rows() -> dict[str, Row]:
 
 
 def _summarised(packs: Iterable[PackFiles]) -> dict[tuple[str, int], bool]:
-    """Return the verdicts of the summary, without those on packs that have changed since."""
+    """Return the verdicts of the summary, without those on packs that changed after it was written."""
     rows = _stored_rows()
     return {
         (row["pack"], seed): seed not in row["wrong"]

@@ -95,7 +95,7 @@ class SessionModel(RuleBasedStateMachine):
         return self.answer is not None or (self.max_calls is not None and self.calls >= self.max_calls)
 
     def tell(self, tool: str, allowed: bool, **arguments: Any) -> dict[str, Any] | None:
-        """Make a call, check that it is refused exactly if the model says so, and return its result."""
+        """Make a call, check that it is refused if and only if the reference model refuses it; return its result."""
         before = fingerprint(self.session)
         if self.over:
             with pytest.raises(EpisodeOver):

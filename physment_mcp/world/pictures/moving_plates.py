@@ -52,7 +52,7 @@ class ShownReading(NamedTuple):
 
 
 class Shown(NamedTuple):
-    """The bodies, and the parts described by the task, that are drawn in the same frames."""
+    """Everything that the frames of an animation show: bodies, and the apparatus that the task describes."""
 
     bodies: Sequence[ShownBody]
     courses: Sequence[SketchedPart]

@@ -1,4 +1,4 @@
-"""Tests of the pack that the paper prints as an example: its key in one string, and its time step."""
+"""Tests of the example pack that the paper prints: its time step, and its answer key, a string of four numbers."""
 
 import logging
 import shutil

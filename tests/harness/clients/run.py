@@ -132,7 +132,8 @@ def page(table: Sequence[tuple[str, ...]]) -> str:
         " scripted model that"
         " makes three refused calls, then finds or creates an object, measures and answers. *Works* means that the"
         " calls, the results and the grade are the same as with the evaluator's own client. *Host only* means that the"
-        " client starts a laboratory for each call. A row is of the last run of its client."
+        " client starts a new stdio server for each call, so it can play an episode only on a host. Each row shows the"
+        " latest run of that client."
         " [How to set each of them up](../how-to/clients.md).",
         "",
         markdown_table(TITLES, table),
