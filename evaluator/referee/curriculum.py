@@ -8,6 +8,7 @@ settles where the agent succeeds in some episodes.
 import hashlib
 import itertools
 import math
+import threading
 from collections import OrderedDict
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass, field
@@ -95,10 +96,14 @@ class _Curriculum:
 
 @dataclass(slots=True)
 class Curricula:
-    """The curricula of all trainers, kept in memory until the process ends."""
+    """The curricula of all trainers, kept in memory until the process ends.
+
+    Draws run in worker threads and the other methods on the event loop, so each method holds the lock.
+    """
 
     _named: OrderedDict[str, _Curriculum] = field(default_factory=OrderedDict[str, _Curriculum])
     _places: Iterator[int] = field(default_factory=itertools.count, repr=False)
+    _lock: threading.Lock = field(default_factory=threading.Lock, repr=False)
 
     def draw(self, name: str, pool: Split, steps: Steps, random_seed: int) -> Variant:
         """Draw a variant from the window of a curriculum. The first draw creates the curriculum.
@@ -112,7 +117,30 @@ class Curricula:
         Raises:
             RefusedRequest: The curriculum exists with other scenes.
         """
-        found = self._named.setdefault(name, _Curriculum(pool.label, steps, Window(len(steps)), next(self._places)))
+        with self._lock:
+            found = self._found(name, pool, steps)
+            low, high, at = found.window.low, found.window.high, found.place
+        drawn = int.from_bytes(hashlib.sha256(f"{pool.label} {random_seed}".encode()).digest(), "big")
+        drawn, step = divmod(drawn, high - low + 1)
+        scenes = steps[low + step]
+        drawn, place = divmod(drawn, len(scenes))
+        seed = drawn % len(pool.seeds)
+        index = pool.scenes.index(scenes[place]) + len(pool.scenes) * seed
+        split = "" if pool.name == "worlds" else pool.label
+        return Variant(scenes[place], pool.seeds[seed], split, index, (name, low + step, at))
+
+    def _found(self, name: str, pool: Split, steps: Steps) -> _Curriculum:
+        """Return a curriculum and mark it as used; creates it if there is none. The caller holds the lock.
+
+        Raises:
+            RefusedRequest: The curriculum exists with other scenes.
+        """
+        found = self._named.get(name)
+        if found is None:
+            # The steps of a large folder of worlds take megabytes, so curricula with equal steps share one tuple.
+            shared = next((one.steps for one in reversed(self._named.values()) if one.steps == steps), steps)
+            found = _Curriculum(pool.label, shared, Window(len(steps)), next(self._places))
+            self._named[name] = found
         self._named.move_to_end(name)
         while len(self._named) > MOST:
             self._named.popitem(last=False)
@@ -121,26 +149,19 @@ class Curricula:
                 409,
                 f"the curriculum {name!r} has other scenes, of {found.pool}: name another, or DELETE /curricula/NAME",
             )
-        window = found.window
-        drawn = int.from_bytes(hashlib.sha256(f"{pool.label} {random_seed}".encode()).digest(), "big")
-        drawn, step = divmod(drawn, window.high - window.low + 1)
-        scenes = steps[window.low + step]
-        drawn, place = divmod(drawn, len(scenes))
-        seed = drawn % len(pool.seeds)
-        index = pool.scenes.index(scenes[place]) + len(pool.scenes) * seed
-        split = "" if pool.name == "worlds" else pool.label
-        return Variant(scenes[place], pool.seeds[seed], split, index, (name, window.low + step, found.place))
+        return found
 
     def add(self, variant: Variant, *, right: bool) -> None:
         """Count a variant's reward, unless its curriculum was reset, evicted or moved after the draw."""
         name, step, place = variant.step or ("", 0, 0)
-        found = self._named.get(name)
-        if found is None or found.place != place:
-            return
-        before = found.window.high
-        found.window.add(step, right=right)
-        if found.window.high != before:
-            found.place = next(self._places)
+        with self._lock:
+            found = self._named.get(name)
+            if found is None or found.place != place:
+                return
+            before = found.window.high
+            found.window.add(step, right=right)
+            if found.window.high != before:
+                found.place = next(self._places)
 
     def state(self, name: str) -> dict[str, Any]:
         """The window of a curriculum, with the scenes of its steps.
@@ -148,11 +169,13 @@ class Curricula:
         Raises:
             RefusedRequest: There is no such curriculum.
         """
-        if name not in self._named:
-            raise RefusedRequest(404, "there is no such curriculum: it begins with the first episode that names it")
-        found = self._named[name]
-        return {"pool": found.pool, **asdict(found.window), "steps": found.steps}
+        with self._lock:
+            found = self._named.get(name)
+            if found is None:
+                raise RefusedRequest(404, "there is no such curriculum: it begins with the first episode that names it")
+            return {"pool": found.pool, **asdict(found.window), "steps": found.steps}
 
     def reset(self, name: str) -> None:
         """Delete a curriculum. A later one of the same name starts at the easiest step."""
-        self._named.pop(name, None)
+        with self._lock:
+            self._named.pop(name, None)

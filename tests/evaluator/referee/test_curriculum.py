@@ -2,6 +2,8 @@
 
 import math
 import random
+import threading
+from collections import OrderedDict
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
@@ -164,6 +166,34 @@ def test_rewards_of_before_a_move_or_a_reset_count_for_nothing() -> None:
     curricula.draw("a", TRAIN, steps, 1)
     curricula.add(again, right=True)
     assert curricula.state("a")["tried"] == 0
+
+
+def test_a_curriculum_that_is_reset_during_a_draw_is_deleted_after_it() -> None:
+    curricula, steps = Curricula(), ((7,), (9,))
+    curricula.draw("a", TRAIN, steps, 1)
+    resets = list[threading.Thread]()
+
+    class Interrupted(OrderedDict[str, Any]):
+        """Starts a reset in another thread just before a draw marks its curriculum as used."""
+
+        def move_to_end(self, key: str, last: bool = True) -> None:
+            resets.append(threading.Thread(target=curricula.reset, args=("a",)))
+            resets[0].start()
+            resets[0].join(0.2)  # returns early if the reset can run here
+            super().move_to_end(key, last)
+
+    curricula._named = Interrupted(curricula._named)  # pyright: ignore[reportPrivateUsage] - no other way to interleave
+    assert curricula.draw("a", TRAIN, steps, 1).scene == 7
+    resets[0].join()
+    with pytest.raises(RefusedRequest, match="no such curriculum"):
+        curricula.state("a")
+
+
+def test_curricula_with_equal_steps_share_them() -> None:
+    curricula = Curricula()
+    for name in ("a", "b"):
+        curricula.draw(name, TRAIN, tuple((scene,) for scene in TRAIN.scenes), 1)
+    assert curricula.state("a")["steps"] is curricula.state("b")["steps"]
 
 
 async def test_a_referee_moves_the_window_by_its_rewards_and_resets_it(
