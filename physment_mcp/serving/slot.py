@@ -123,14 +123,18 @@ class CallLog:
     def readings(self) -> Mapping[str, Reading]:
         """Return the last reading of the position of each object that results of this episode named.
 
-        Only clients that show the app need it, so it is computed when they do, from the calls since the last time.
+        Only clients that show the app need it, so it is computed when they do, from the calls since the last time, and
+        from a call that the log is about to drop.
         """
-        for call in self.calls[max(0, self._read_calls - self.left_out) :]:
-            if call.result is not None:
-                arguments, content = from_json(call.written), from_json(call.result)
-                self._readings = read_after(self._readings, call.tool, arguments, content)
-        self._read_calls = self.left_out + len(self.calls)
+        for call in self.calls[self._read_calls - self.left_out :]:
+            self._read(call)
         return self._readings
+
+    def _read(self, call: LoggedCall) -> None:
+        if call.result is not None:
+            arguments, content = from_json(call.written), from_json(call.result)
+            self._readings = read_after(self._readings, call.tool, arguments, content)
+        self._read_calls += 1
 
     def add(self, params: types.CallToolRequestParams, result: types.CallToolResult | None, started_at: float) -> None:
         """Record a call.
@@ -156,6 +160,8 @@ class CallLog:
             LoggedCall(params.name[:MAX_NAME], written, text, is_error, started_at - self.opened_at, took)
         )
         if self.kept is not None and len(self.calls) > self.kept:
+            if self._read_calls == self.left_out:
+                self._read(self.calls[0])
             self.left_out += 1
             del self.calls[0]
 

@@ -13,7 +13,7 @@ import httpx
 import pytest
 from mcp import Client
 from mcp.client.streamable_http import streamable_http_client
-from mcp_types import CallToolRequestParams
+from mcp_types import CallToolRequestParams, CallToolResult, TextContent
 
 from physment_mcp.serving.slot import CallLog
 from tests.builders.laboratory import Command, OpenHost
@@ -42,6 +42,27 @@ async def client_of(http: httpx.AsyncClient, episode: dict[str, str]) -> AsyncGe
     in_process: Any = http  # the SDK's own HTTP client has another name and the same methods
     async with Client(streamable_http_client(episode["mcp_url"], http_client=in_process)) as client:
         yield client
+
+
+@pytest.mark.parametrize("shown_at", [(), (1,), (1, 5), (9,)])
+def test_last_readings_outlast_the_calls_that_the_log_drops(shown_at: tuple[int, ...]) -> None:
+    log = CallLog(kept=3)
+
+    def add(tool: str, arguments: dict[str, Any], content: dict[str, Any]) -> None:
+        text = TextContent(type="text", text=json.dumps(content))
+        log.add(CallToolRequestParams(name=tool, arguments=arguments), CallToolResult(content=[text]), 0.0)
+        if log.left_out + len(log.calls) in shown_at:
+            log.readings()
+
+    add("get_position", {"object_id": "object_1"}, {"sim_time": 0.5, "position": [1, 2, 3]})
+    for _ in range(9):
+        add("quat_to_rot_matrix", {"q": [1, 0, 0, 0]}, {"sim_time": 0.5})
+    add("get_position", {"object_id": "object_2"}, {"sim_time": 0.7, "position": [4, 5, 6]})
+    assert log.left_out == 8
+    assert log.readings() == {
+        "object_1": {"position": [1, 2, 3], "time": 0.5},
+        "object_2": {"position": [4, 5, 6], "time": 0.7},
+    }
 
 
 async def test_the_log_holds_what_was_called_and_what_came_back(inside: OpenHost) -> None:
