@@ -42,7 +42,8 @@ in a small file. If the laboratory returns anything but what is stored, to the l
 
 --episodes takes the number of a scene, or conditions, separated by commas: {", ".join(CONDITIONS)}. The films
 are in DIR/{FILMS}; keep that folder beside the report. Animated images are in DIR/{WEBP} and need libosmesa6.
-A film made with --reveal shows what agents must not see, and says so. Exit code: 1 if a film was refused.
+A film made with --reveal shows what agents must not see, and says so. Exit code: 1 if a film or an
+image was refused.
 """
 
 
@@ -88,9 +89,11 @@ def _film(args: argparse.Namespace) -> int:
     print(
         f"{len(episodes) - len(refused)} films in {folder.path / FILMS}; physment-eval report {args.folder} shows them"
     )
+    without_image = 0
     if args.webp:
-        write_animations(folder, [one for one in episodes if one.key not in refused], args.scenes_dir, args.workers)
-    return 1 if refused else 0
+        filmed = [one for one in episodes if one.key not in refused]
+        without_image = write_animations(folder, filmed, args.scenes_dir, args.workers)
+    return 1 if refused or without_image else 0
 
 
 def _make(folder: RunFolder, episodes: Sequence[Episode], args: argparse.Namespace) -> dict[EpisodeKey, str]:

@@ -1,6 +1,7 @@
 """The animated images of `film --webp`."""
 
 import functools
+import sys
 from collections.abc import Sequence
 from concurrent.futures.process import BrokenProcessPool
 from pathlib import Path
@@ -32,8 +33,8 @@ class _Image(NamedTuple):
     duration_s: float
 
 
-def write_animations(folder: RunFolder, episodes: Sequence[Episode], scenes_dir: Path | None, workers: int) -> None:
-    """Write an animated image of each film, and print a line about it.
+def write_animations(folder: RunFolder, episodes: Sequence[Episode], scenes_dir: Path | None, workers: int) -> int:
+    """Write an animated image of each film, and print a line about it, or on stderr why it has none.
 
     Args:
         folder: The run.
@@ -41,10 +42,13 @@ def write_animations(folder: RunFolder, episodes: Sequence[Episode], scenes_dir:
         scenes_dir: Folder of their packs; the suite's own if None.
         workers: Largest number of processes.
 
+    Returns:
+        Number of films without an image, because they are damaged or their image would be too large.
+
     Raises:
-        UsageError: Nothing renders on this machine, a film is damaged, or an image is too large.
+        UsageError: Nothing renders on this machine, or the graphics library crashed.
     """
-    hashes, target = folder.line_hashes(), own_folder(folder.path / WEBP)
+    hashes, target, refused = folder.line_hashes(), own_folder(folder.path / WEBP), 0
     records = [hashes[one.key] for one in episodes]
     try:
         with (
@@ -55,16 +59,19 @@ def write_animations(folder: RunFolder, episodes: Sequence[Episode], scenes_dir:
             images = pool.map(functools.partial(_drawn, folder.path, scenes_dir), episodes, records)
             for episode, record, image in zip(episodes, records, images, strict=True):
                 if isinstance(image, str):
-                    raise UsageError(image)
-                file = target / _name(episode.key, record)
-                durable.replace(file, image.content)
-                size = f"{image.frames} frames, {image.duration_s:.0f} s, {len(image.content) / 1000:.0f} kB"
-                print(f"{file}: {size}", flush=True)
+                    refused += 1
+                    print(f"physment-eval: {image}", file=sys.stderr)
+                else:
+                    file = target / _name(episode.key, record)
+                    durable.replace(file, image.content)
+                    size = f"{image.frames} frames, {image.duration_s:.0f} s, {len(image.content) / 1000:.0f} kB"
+                    print(f"{file}: {size}", flush=True)
                 progress.advance(task)
     except NoRenderer as error:
         raise UsageError(str(error)) from error
     except BrokenProcessPool as error:
         raise UsageError("the graphics library crashed or was ended while it drew an animated image") from error
+    return refused
 
 
 def _name(key: EpisodeKey, record_sha256: str) -> str:

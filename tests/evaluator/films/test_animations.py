@@ -12,7 +12,7 @@ from evaluator.commands.film_webp import WEBP
 from evaluator.commands.program import main
 from evaluator.films.animation import MOST_FRAMES, animation_of
 from evaluator.report.attachments import film_file, regular_file
-from evaluator.report.film_record import MOST_BYTES, Film, read
+from evaluator.report.film_record import MOST_BYTES, Film, read, written
 from evaluator.store.run_folder import RunFolder
 from tests.builders.films import Turns, attached_run, key_of, stored_run
 from tests.builders.records import call
@@ -126,6 +126,21 @@ def test_the_image_is_written_where_the_command_says_and_the_report_leaves_it_al
     # Something falls, and the captions change.
     assert all(len({frame[rows].tobytes() for frame in frames}) > 4 for rows in (slice(0, 400), slice(400, None)))
     assert attached_run(run).attachments.left_out == ()
+
+
+@pytest.mark.skipif(not can_render(), reason="nothing renders off-screen here")
+def test_a_film_without_an_image_is_reported_and_the_others_get_theirs(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    run = stored_run(tmp_path / "run", (FALL_KEY, FALL), (UNSEEN_KEY, UNSEEN))
+    assert main(["film", str(run.path)]) == 0
+    film = film_of(run, FALL_KEY)
+    shortened = film.model_copy(update={"calls": film.calls[:-1]})
+    film_file(run.path, film.episode).write_bytes(written(shortened))
+    assert main(["film", str(run.path), "--webp"]) == 1
+    assert "scene 7" in (told := capsys.readouterr().err)
+    assert "gives no animated image: its film shows other calls" in told
+    assert [file.name.partition("-")[0] for file in (run.path / WEBP).iterdir()] == ["scene82"]
 
 
 @pytest.mark.skipif(not can_render(), reason="nothing renders off-screen here")
