@@ -14,7 +14,7 @@ from typing import Any
 
 from pydantic import JsonValue
 
-from evaluator.agents.unit_system import SENTENCE, described_units, exchanged, exchanged_schema
+from evaluator.agents.unit_system import SENTENCES, described_units, exchanged, exchanged_schema
 from evaluator.episode.player import Agent, Briefing, Feedback, Player, Reply, ToolDescription
 from evaluator.errors import UsageError
 from evaluator.records.episode import EpisodeKey, Exchange, ToolCall
@@ -30,7 +30,7 @@ class Change(StrEnum):
     ORDER = "order"
     """Lists of objects are reversed."""
     UNITS = "units"
-    """Arguments and results of the tools are in centimetres, milliseconds and grams; the task stays in SI units."""
+    """Arguments and results of the tools are in centimetres, milliseconds and grams; task and law stay in SI."""
 
 
 PARAPHRASES = (
@@ -117,12 +117,9 @@ class Translation:
     def prompt(self, text: str) -> str:
         """Convert an opening prompt."""
         if Change.UNITS in self.presentation:  # before the paraphrases, one of which speaks of SI units
-            before, after = reversed(SENTENCE) if self.inverse else SENTENCE
-            text = text.replace(before, after)
+            text = _exchanged(text, SENTENCES, inverse=self.inverse)
         if Change.PARAPHRASE in self.presentation:
-            for pair in PARAPHRASES:
-                before, after = reversed(pair) if self.inverse else pair
-                text = text.replace(before, after)
+            text = _exchanged(text, PARAPHRASES, inverse=self.inverse)
         if Change.ORDER in self.presentation:
             text = _ROWS.sub(lambda table: table[1] + _reversed_rows(table[2]), text, count=1)
         return self.text(text)
@@ -198,6 +195,13 @@ class Translation:
         except ValueError:
             text = self.text(exchange.text)
         return exchange.model_copy(update={"call": self._call(exchange.call), "content": content, "text": text})
+
+
+def _exchanged(text: str, pairs: Sequence[tuple[str, str]], *, inverse: bool) -> str:
+    for pair in pairs:
+        before, after = reversed(pair) if inverse else pair
+        text = text.replace(before, after)
+    return text
 
 
 def _other_id(found: re.Match[str]) -> str:

@@ -48,14 +48,31 @@ FIELDS: dict[str, str] = {
 COMPONENTS = {"move_object": "m", "get_acceleration": "m/s²", "compute_force": "N"}
 """Tool → unit of its arguments or fields x, y and z."""
 
-SENTENCE = (
-    "SI units. World frame, z up.",
-    "The text of the task, the limits in it and error messages are in SI units. The tools are not: their arguments and"
-    " results are in centimetres, milliseconds and grams, so velocities are in cm/ms, accelerations in cm/ms², forces"
-    " in g·cm/ms², torques and energies in g·cm²/ms², and densities in g/cm³. Answer in the unit that the task names."
-    " World frame, z up.",
+SENTENCES = (
+    (
+        "SI units. World frame, z up.",
+        "The text of the task, the limits in it and error messages are in SI units. The tools are not: their arguments"
+        " and results are in centimetres, milliseconds and grams, so velocities are in cm/ms, accelerations in cm/ms²,"
+        " forces in g·cm/ms², torques and energies in g·cm²/ms², and densities in g/cm³. Answer in the unit that the"
+        " task names. World frame, z up.",
+    ),
+    (
+        "of time, places, velocities and what you apply, in SI units. It is graded apart,",
+        "of time, places, velocities and what you apply. The law is in SI units, unlike all other arguments of the"
+        " tools: convert your readings to metres, seconds, kilograms and newtons before you state it. It is graded"
+        " apart,",
+    ),
 )
-"""Sentence of the opening prompt about units, and the sentence that replaces it."""
+"""Sentences of the opening prompt about units, each with the one that replaces it; the second stands only in scenes
+that ask for a law.
+"""
+
+LAW_UNITS = (
+    "the acceleration of each object in SI units,",
+    "the acceleration of each object in SI units (metres, seconds, kilograms, newtons), unlike all other arguments of"
+    " the tools,",
+)
+"""Words of the description of `law`, which is not converted, and the words that replace them."""
 
 _BOUNDS = frozenset({"minimum", "maximum", "exclusiveMinimum", "exclusiveMaximum", "default"})
 _BRACKETS = re.compile(r"\[([^\]\s]+)\]")
@@ -123,6 +140,8 @@ def exchanged_schema(tool: str, schema: Mapping[str, Any], *, inverse: bool) -> 
 
 
 def described_units(text: str, *, inverse: bool) -> str:
-    """Replace the units in square brackets in a description."""
+    """Replace the units in square brackets in a description, and the words about the units of a law."""
+    before, after = reversed(LAW_UNITS) if inverse else LAW_UNITS
+    text = text.replace(before, after)
     table = {other: unit for unit, (other, _) in UNITS.items()} if inverse else {u: o for u, (o, _) in UNITS.items()}
     return _BRACKETS.sub(lambda found: f"[{table.get(found[1], found[1])}]", text)

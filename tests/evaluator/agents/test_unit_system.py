@@ -9,11 +9,20 @@ from pydantic import JsonValue
 
 from evaluator.agents.presentation import Change, TranslatedAgent, Translation
 from evaluator.agents.reference import ReferenceAgent
-from evaluator.agents.unit_system import SENTENCE, UNITS, described_units, exchanged, exchanged_schema, unit_of
+from evaluator.agents.unit_system import (
+    LAW_UNITS,
+    SENTENCES,
+    UNITS,
+    described_units,
+    exchanged,
+    exchanged_schema,
+    unit_of,
+)
 from evaluator.answers.keys import KeyRing
 from evaluator.episode.player import Feedback, Reply
 from evaluator.records.episode import Exchange, ToolCall, Verdict
 from evaluator.scores.scoring import grade_record
+from physment_mcp.tools.episode import ANSWER_WITH_LAW
 from tests.builders.paths import ROOT
 from tests.evaluator.agents.test_presentation import SCENES, Overheard, played, prompt_with_budget
 
@@ -107,11 +116,26 @@ def test_bounds_and_descriptions_of_arguments_follow() -> None:
     assert described_units("Force [x, y, z], world [N].", inverse=False) == "Force [x, y, z], world [g·cm/ms²]."
 
 
-def test_the_sentence_is_one_of_the_laboratory() -> None:
-    assert prompt_with_budget(7).count(SENTENCE[0]) == 1
-    changed = Translation((Change.UNITS,)).prompt(prompt_with_budget(7))
-    assert Translation((Change.UNITS,), inverse=True).prompt(changed) == prompt_with_budget(7)
-    both = Translation((Change.PARAPHRASE, Change.UNITS)).prompt(prompt_with_budget(7))
-    assert SENTENCE[1] in both
+@pytest.mark.parametrize(("scene", "sentences"), [(7, SENTENCES[:1]), (201, SENTENCES)])
+def test_the_sentences_about_units_are_those_of_the_laboratory(
+    scene: int, sentences: tuple[tuple[str, str], ...]
+) -> None:
+    prompt = prompt_with_budget(scene)
+    assert [prompt.count(sentence) for sentence, _ in SENTENCES] == [pair in sentences for pair in SENTENCES]
+    changed = Translation((Change.UNITS,)).prompt(prompt)
+    assert Translation((Change.UNITS,), inverse=True).prompt(changed) == prompt
+    both = Translation((Change.PARAPHRASE, Change.UNITS)).prompt(prompt)
+    assert all(other in both for _, other in sentences)
     assert "All quantities are in SI units" not in both
-    assert Translation((Change.PARAPHRASE, Change.UNITS), inverse=True).prompt(both) == prompt_with_budget(7)
+    assert Translation((Change.PARAPHRASE, Change.UNITS), inverse=True).prompt(both) == prompt
+
+
+def test_the_description_of_a_law_says_that_it_alone_stays_in_si_units() -> None:
+    schema = ANSWER_WITH_LAW.arguments.model_json_schema()
+    assert schema["properties"]["law"]["description"].count(LAW_UNITS[0]) == 1
+    changed = exchanged_schema("answer", schema, inverse=False)
+    assert LAW_UNITS[1] in changed["properties"]["law"]["description"]
+    assert exchanged_schema("answer", changed, inverse=True) == schema
+    law: JsonValue = {"acceleration": {"object_1": {"x": "-0.5*object_1_vx"}}, "state": {"way": {"start": 1}}}
+    sent = Reply(calls=(ToolCall(tool="answer", arguments={"answer": 1, "law": law}),))
+    assert Translation((Change.UNITS,), inverse=True).reply(sent) == sent
