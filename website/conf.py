@@ -17,6 +17,7 @@ myst_enable_extensions: list[str] = []
 html_theme = "furo"
 html_title = project
 html_static_path = [str(Path(__file__).parent / "static")]
+html_favicon = str(Path(__file__).parent / "static" / "favicon.svg")
 html_css_files = ["site.css"]
 html_js_files = ["search.js"]
 html_show_sourcelink = False

@@ -13,6 +13,7 @@ from typing import Any, cast
 import anyio
 import mcp_types as types
 from jsonschema import Draft202012Validator, ValidationError
+from jsonschema.exceptions import best_match  # pyright: ignore[reportUnknownVariableType] - partly typed
 from mcp import Client
 from mcp.client.extension import ClientExtension, advertise
 from mcp.shared.exceptions import MCPError
@@ -32,10 +33,10 @@ def schema_validator(schema: Mapping[str, Any]) -> Draft202012Validator:
     return Draft202012Validator(dict(schema), registry=Registry())
 
 
-def first_problem(validator: Draft202012Validator, value: JsonValue) -> str:
-    """Return the first validation error of a value and its location; empty if the value is valid."""
+def schema_problem(validator: Draft202012Validator, value: JsonValue) -> str:
+    """Return the most specific validation error of a value and its location; empty if the value is valid."""
     problems: Iterator[ValidationError] = validator.iter_errors(value)  # pyright: ignore[reportUnknownMemberType] - partly typed
-    problem = next(problems, None)
+    problem = cast("ValidationError | None", best_match(problems))
     if problem is None:
         return ""
     where = ".".join(str(part) for part in problem.absolute_path)
@@ -48,7 +49,7 @@ def arguments_problem(validator: Draft202012Validator, call: ToolCall) -> str:
         json.dumps(call.arguments, allow_nan=False)
     except ValueError:
         return f"{call.tool}: the arguments must be JSON, without NaN or infinities"
-    problem = first_problem(validator, call.arguments)
+    problem = schema_problem(validator, call.arguments)
     return f"{call.tool}: {problem}" if problem else ""
 
 
@@ -89,7 +90,7 @@ class Toolbox:
         result = await client.session.send_request(asked, types.CallToolResult)
         validator = None if result.is_error else self._results.get(call.tool)
         if validator is not None:
-            problem = first_problem(validator, result.structured_content)
+            problem = schema_problem(validator, result.structured_content)
             if problem:
                 raise ValueError(f"the result is not what the server publishes: {problem}")
         if self._look is not None:

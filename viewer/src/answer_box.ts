@@ -1,5 +1,6 @@
 /** The box for the answer: a field for each part with its unit, and a question before it is sent. */
 
+import { LawField } from "./law_field.js";
 import { element } from "./markup.js";
 import { numberFrom } from "./numbers.js";
 import { shortened } from "./readings.js";
@@ -15,9 +16,10 @@ export class AnswerBox {
   private readonly button = element("button", { type: "submit", id: "give", disabled: "" }, "Answer …");
   private read: Reader = () => undefined;
   private steps: [string, HTMLInputElement][] = [];
+  private law: LawField | null = null;
   private unit = "";
 
-  /** @param give - Sends the call; its refusal is told here. */
+  /** @param give - Sends the call; the sentence of its refusal is shown here. */
   constructor(private readonly give: (call: Call) => Promise<void>) {
     this.element.addEventListener("submit", (event) => {
       event.preventDefault();
@@ -34,11 +36,14 @@ export class AnswerBox {
     const optional = (state.rules.steps ?? []).map(({ name, meaning, unit }, index) =>
       element("label", { class: "play-field" }, element("span", {}, element("b", {}, meaning), ` [${unit}], optional `, element("small", { class: "play-wire" }, name)), this.steps[index]![1]),
     );
+    const stated = state.tools.find(({ name }) => name === "answer")?.input_schema.properties?.["law"];
+    this.law = stated ? new LawField(stated.description ?? "", state.scene.objects?.[0]?.object_id ?? "object_1") : null;
     const told = /# Answer\n\n([^#]*)/.exec(state.prompt ?? "")?.[1]?.trim() ?? "";
     this.element.replaceChildren(
       element("h2", {}, "Answer"),
       ...fields,
       ...optional,
+      ...(this.law ? [this.law.element] : []),
       this.said,
       element("p", { class: "play-buttons" }, this.button),
       element("p", { class: "play-soft" }, told),
@@ -49,6 +54,19 @@ export class AnswerBox {
   /** Whether an answer can be given now. */
   open(isOpen: boolean): void {
     this.button.disabled = !isOpen;
+  }
+
+  /** Show why the laboratory refused the answer, if it did so in the last iteration. */
+  returned(state: State): void {
+    const refused = state.turns.at(-1)?.exchanges.find((one) => one.tool === "answer" && one.is_error);
+    if (refused) this.tell(refused.text);
+  }
+
+  /** Show a refusal beside the field that it is about; empty for none. */
+  private tell(sentence: string): void {
+    const isOfLaw = this.law !== null && /^answer: law\b/.test(sentence);
+    this.law?.tell(isOfLaw ? sentence : "");
+    this.said.textContent = isOfLaw ? "" : sentence;
   }
 
   private fieldsOf({ kind, unit, labels = [], options = [] }: AnswerForm): HTMLElement[] {
@@ -81,16 +99,17 @@ export class AnswerBox {
   }
 
   private ask(): void {
-    this.said.textContent = "";
+    this.tell("");
     try {
       const answer = this.read();
       const steps = this.steps
         .filter(([, field]) => field.value.trim() !== "")
         .map(([name, field]) => [name, numberFrom(name, field.value)] as const);
-      const given = { answer, ...(steps.length > 0 ? { steps: Object.fromEntries(steps) } : {}) };
+      const law = this.law?.value();
+      const given = { answer, ...(steps.length > 0 ? { steps: Object.fromEntries(steps) } : {}), ...(law === undefined ? {} : { law }) };
       this.confirm({ tool: "answer", arguments: given });
     } catch (refusal) {
-      this.said.textContent = (refusal as Error).message;
+      this.tell((refusal as Error).message);
     }
   }
 
@@ -100,12 +119,13 @@ export class AnswerBox {
     const no = element("button", { type: "button" }, "Back");
     yes.addEventListener("click", () => {
       this.dialog.close();
-      this.give(call).catch((refusal: unknown) => void (this.said.textContent = (refusal as Error).message));
+      this.give(call).catch((refusal: unknown) => this.tell((refusal as Error).message));
     });
     no.addEventListener("click", () => this.dialog.close());
+    const withLaw = "law" in call.arguments ? " Your law goes with it. If the laboratory cannot read the law, the iteration is used, and you can answer again." : "";
     this.dialog.replaceChildren(
       element("p", { class: "play-answer" }, shown),
-      element("p", {}, "You can answer once; the answer takes an iteration and ends the episode."),
+      element("p", {}, `You can answer once; the answer takes an iteration and ends the episode.${withLaw}`),
       element("p", { class: "play-buttons" }, yes, no),
     );
     this.dialog.setAttribute("aria-label", `Answer ${shown}?`);

@@ -106,6 +106,7 @@ function showTask(next: State): void {
 }
 
 function showMeasured(next: State): void {
+  answer.returned(next);
   by("last").replaceChildren(...lastResults(next.turns, names()));
   by("log").replaceChildren(...logRows(next.turns, names()));
   const changed = changedOf(seriesOf(exchanges(), names())).slice(0, MOST_PLOTS);

@@ -12,7 +12,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from evaluator.episode.player import ANSWER, ToolDescription
-from evaluator.episode.toolbox import first_problem, schema_validator
+from evaluator.episode.toolbox import schema_problem, schema_validator
 from evaluator.records.episode import ToolCall
 
 _WORDS = {"true": True, "yes": True, "false": False, "no": False}
@@ -55,7 +55,7 @@ def _call(text: str, tools: Mapping[str, ToolDescription]) -> ToolCall:
         close = difflib.get_close_matches(name, tools, n=1)
         raise TypingError(f"there is no tool {name!r}{f'; do you mean {close[0]}?' if close else ''}")
     call = ToolCall(tool=name, arguments=_arguments(rest[0] if rest else "", tool))
-    problem = first_problem(schema_validator(tool.input_schema), call.arguments)
+    problem = schema_problem(schema_validator(tool.input_schema), call.arguments)
     if problem:
         raise TypingError(f"{name}: {problem}")
     return call

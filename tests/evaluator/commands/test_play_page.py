@@ -406,3 +406,71 @@ def test_a_scene_of_which_only_one_point_is_known_has_axes_and_a_scale(tmp_path:
         page.wait("document.querySelector('.lab-read') !== null")
         assert re.fullmatch(r"[\d.]+ m", page.run("document.querySelector('.lab-scale').textContent"))
         assert page.run("Number(document.querySelector('.lab-read').getAttribute('cx')) > 0")
+
+
+BAD = '{"acceleration": {"object_1": {"x": "wind"}}}'
+
+
+@pytest.mark.skipif(PROGRAM is None, reason="Chromium is not installed")
+def test_a_law_is_stated_with_the_answer_and_a_refused_one_stays_in_its_field(tmp_path: Path, host_url: str) -> None:
+    assert PROGRAM
+    with (
+        playing(tmp_path, host_url, scene=201) as played,
+        chromium(PROGRAM, tmp_path / "profile", *SOFTWARE_WEBGL) as page,
+    ):
+        page.look(1280, "light")
+        page.visit(played.address)
+        page.wait("!document.getElementById('run').disabled")
+        assert page.run("document.getElementById('give').getBoundingClientRect().bottom < innerHeight")
+        assert not page.run("document.querySelector('#law').open")
+        for part in range(3):
+            page.run(f"({FILL})('answer.{part}', '1')")
+        give, said = "document.getElementById('give').click()", "document.getElementById('law-said').textContent"
+        # Neither JSON that cannot be read nor a field that the schema does not have uses an iteration.
+        page.run(f"({FILL})('law', '{{acceleration')")
+        page.run(give)
+        assert page.run(said).startswith("answer: law: it is not JSON")
+        page.run(f"({FILL})('law', '{BAD.replace('x', 'q')}')")
+        page.run(give)
+        page.run("document.getElementById('confirm').click()")
+        page.wait(f"{said}.startsWith('answer: law.acceleration.obj')")
+        assert "20 of 20" in page.run("document.getElementById('budget').textContent")
+        # The laboratory refuses an unknown name, and the answer can be given again.
+        page.run(f"document.querySelector('#law').open = false, ({FILL})('law', '{BAD}')")
+        page.run(give)
+        assert "Your law goes with it" in page.run("document.querySelector('dialog[open]').textContent")
+        page.run("document.getElementById('confirm').click()")
+        page.wait("document.getElementById('budget').textContent === '19 of 20 iterations left'")
+        page.wait(f"{said}.includes('wind')")
+        assert page.run(said).endswith("the answer is not given")
+        assert page.run("document.querySelector('#law').open")
+        assert page.run("document.querySelector('[name=law]').value") == BAD
+        assert page.run("document.querySelector('[name=\"answer.2\"]').value") == "1"
+        # The laboratory can read the example.
+        page.run(f"({FILL})('law', document.querySelector('[name=law]').placeholder)")
+        page.run(give)
+        assert page.run(said) == ""
+        page.run("document.getElementById('confirm').click()")
+        page.wait("document.getElementById('budget').textContent.includes('in 2 of 20 iterations')")
+        page.run("[...document.querySelectorAll('#end button')].at(-1).click()")
+        played.end()
+    assert episode_in(tmp_path).turns[-1].exchanges[0].call.arguments["law"]["let"] == {"m": 1.2, "c": 0.4}
+
+
+@pytest.mark.skipif(PROGRAM is None, reason="Chromium is not installed")
+def test_with_a_long_question_the_answer_box_is_visible_and_no_page_scrolls_sideways(
+    tmp_path: Path, host_url: str
+) -> None:
+    assert PROGRAM
+    with (
+        playing(tmp_path, host_url, scene=99) as played,
+        chromium(PROGRAM, tmp_path / "profile", *SOFTWARE_WEBGL) as page,
+    ):
+        page.look(1280, "light")
+        page.visit(played.address)
+        page.wait("!document.getElementById('run').disabled")
+        assert page.run("document.getElementById('give').getBoundingClientRect().bottom < innerHeight")
+        assert page.run("document.getElementById('law') === null")
+        for width in (1280, 1000, 390):
+            page.look(width, "dark")
+            assert page.run("document.documentElement.scrollWidth <= innerWidth")
