@@ -212,13 +212,25 @@ def read_graded(folder: RunFolder) -> list[tuple[Episode, GradeRecord]]:
     return [(episode, grades[key]) for key, episode in episodes.items()]
 
 
+_EQUIVALENCE = {True: "equivalent", False: "not equivalent"}
+
+
 def _changes(previous: Mapping[EpisodeKey, GradeRecord], records: Iterable[GradeRecord]) -> list[str]:
-    """Describe each changed verdict on one line. A grade that was missing or unscored before does not count."""
+    """Describe each changed verdict, on an answer or a law, on one line.
+
+    A grade that was missing or unscored before does not count.
+    """
     lines: list[str] = []
     for new in records:
         old = previous.get(new.key)
         if old is None or old.grade.strict is Verdict.UNSCORED:
             continue
+        named = f"scene {reference_of(new.key.scene)} seed {new.key.seed} {new.key.agent}"
+        if old.law is not None and new.law is not None and old.law.equivalent is not new.law.equivalent:
+            lines.append(
+                f"{named}: law {_EQUIVALENCE[old.law.equivalent]} → {_EQUIVALENCE[new.law.equivalent]}"
+                f" (law grader {old.law.version} → {new.law.version})"
+            )
         verdicts = [(old.grade.strict, new.grade.strict), (old.grade.normalised, new.grade.normalised)]
         if all(before is after for before, after in verdicts):
             continue
@@ -234,7 +246,7 @@ def _changes(previous: Mapping[EpisodeKey, GradeRecord], records: Iterable[Grade
         if new.grade.strict is Verdict.UNSCORED:
             reasons = [new.grade.reason]
         lines.append(
-            f"scene {reference_of(new.key.scene)} seed {new.key.seed} {new.key.agent}: strict {verdicts[0][0].value} →"
+            f"{named}: strict {verdicts[0][0].value} →"
             f" {verdicts[0][1].value}, normalised {verdicts[1][0].value} → {verdicts[1][1].value}"
             f" ({', '.join(reasons) or 'same grader, pack and key'})"
         )

@@ -112,6 +112,17 @@ def test_grading_stores_the_grade_of_a_law_and_keeps_that_of_an_unchanged_one(fo
         assert law_grade(stored, KeyRing(), other) == first.record.law
 
 
+def test_a_verdict_on_a_law_that_changes_is_listed_and_the_grades_before_are_kept(folder: RunFolder) -> None:
+    record = grade_run(folder, KeyRing()).rows[0].record
+    assert record.law is not None
+    law = record.law.model_copy(update={"equivalent": True, "version": "0"})
+    folder.write_grades([record.model_copy(update={"law": law})])
+    line, kept = grade_run(folder, KeyRing()).changes
+    assert line == f"scene 201 seed 1 x: law equivalent → not equivalent (law grader 0 → {record.law.version})"
+    assert "the previous grades are kept in" in kept
+    assert grade_run(folder, KeyRing()).changes == []
+
+
 def test_an_episode_without_a_law_or_of_another_scene_has_no_grade_of_a_law() -> None:
     plain = episode(turn("", returned("answer", {}, answer=1)), key=episode_key(201))
     assert law_grade(plain, KeyRing()) is None
