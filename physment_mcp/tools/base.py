@@ -126,6 +126,8 @@ def _sentence(error: ValidationError, arguments: type[Arguments]) -> str:
             problems[name] = f"there is no argument {quoted(name)}; the arguments are {', '.join(fields) or 'none'}"
         elif detail["type"] == "missing":
             problems[name] = f"the argument {name!r} is missing"
+        elif detail["type"] == "dict_type":
+            problems[name] = f"{path} must be a JSON object"
         elif name in problems:
             problems[name] = f"{name} has not the right form. {fields[name].description}"
         else:

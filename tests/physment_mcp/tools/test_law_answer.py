@@ -66,6 +66,11 @@ def test_a_refused_law_does_not_consume_the_answer() -> None:
         call(session, "answer", {"answer": [1, 2, 3], "law": LAW})
 
 
+def test_a_law_that_is_no_object_is_refused_in_words_of_json() -> None:
+    with pytest.raises(BadArgument, match=r"^answer: law must be a JSON object$"):
+        call(Session(load_scene(OPEN)), "answer", {"answer": 1, "law": "ax = 0"})
+
+
 def test_an_answer_without_a_law_or_with_none_is_accepted() -> None:
     for arguments in ({}, {"law": None}):
         session = Session(load_scene(OPEN))
