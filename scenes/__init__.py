@@ -4,8 +4,9 @@ Handles JSON, XML text and random numbers. Depends on neither MCP nor MuJoCo, an
 """
 
 from scenes.answer_spec import AnswerKind, AnswerSpec, Scalar
-from scenes.content import Erratum, ErratumEffect, content_hash_of, pack_hash, read_errata, same_pack, same_packs
+from scenes.content import content_hash_of, pack_hash, same_pack, same_packs
 from scenes.draw import KnobValue, draw_knobs
+from scenes.errata import Erratum, ErratumEffect, read_errata
 from scenes.errors import PackError, WorldError
 from scenes.export import export_packs
 from scenes.finding import find_pack

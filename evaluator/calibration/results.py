@@ -14,7 +14,9 @@ from evaluator.calibration.model import FEATURES, Array, RaschFit, Spreads, fit
 from evaluator.calibration.responses import Responses
 from evaluator.records.episode import Record
 
-DETECTED = 1.959964 + 0.841621
+QUANTILE = 1.959964
+"""Two-sided 95 % quantile of the normal distribution."""
+DETECTED = QUANTILE + 0.841621
 """Difference that a two-sided test at 5 % detects with 80 % power [standard errors]."""
 
 

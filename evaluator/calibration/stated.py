@@ -5,12 +5,11 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from evaluator.calibration.adaptive import DIFFICULTIES, read_calibration
+from evaluator.calibration.results import QUANTILE
 from scenes import PackFiles, same_pack
 
-_SURE = 1.959964
-"""Two-sided 95 % quantile of the normal distribution."""
 _FAR = 2.0
-"""From here on a difficulty is far from the average [logits]."""
+"""Smallest distance from the average at which a scene is called far harder or far easier [logits]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,7 +29,7 @@ class StatedDifficulty:
     def word(self) -> str:
         """Compare with the average scene, which may be as hard if it is within 1.96 standard errors."""
         side = "harder" if self.logits > 0 else "easier"
-        if abs(self.logits) < _SURE * self.se:
+        if abs(self.logits) < QUANTILE * self.se:
             return f"average or {side}"
         return f"far {side}" if abs(self.logits) >= _FAR else side
 

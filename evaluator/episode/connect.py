@@ -24,7 +24,7 @@ from evaluator.episode.hosts import CALL_TIMEOUT_S, TEXT, TOKEN_VARIABLE, HostCo
 from evaluator.episode.passed_sockets import AVAILABLE
 from evaluator.episode.toolbox import Toolboxes
 from evaluator.errors import PermanentFailure, UsageError
-from evaluator.records.run import SeedOf, seed_as_recorded
+from evaluator.records.seed_key import SeedOf, seed_as_recorded
 
 
 class EpisodeConnector(Protocol):

@@ -20,7 +20,7 @@ from mcp.client.extension import ClientExtension
 from evaluator.episode.broken_connection import own_error, server_failure, without_seed
 from evaluator.episode.passed_sockets import ControlSocket, passed
 from evaluator.errors import PermanentFailure, UsageError
-from evaluator.records.run import SeedOf, seed_as_recorded
+from evaluator.records.seed_key import SeedOf, seed_as_recorded
 
 _END_S = 10.0
 """Longest wall time for the fork server and its forks to exit [s]."""

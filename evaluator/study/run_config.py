@@ -11,7 +11,8 @@ from evaluator.agents.models.lanes import Patience
 from evaluator.agents.presentation import Change
 from evaluator.episode.loop import Participant
 from evaluator.records.episode import Usage
-from evaluator.records.run import Plan, SeedKey, SeedOf, seed_as_recorded
+from evaluator.records.run import Plan
+from evaluator.records.seed_key import SeedKey, SeedOf, seed_as_recorded
 from evaluator.study.shards import WHOLE, Shard
 from scenes import PackFiles
 

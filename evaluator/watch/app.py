@@ -29,7 +29,7 @@ from evaluator.scores.scoring import grade_record, score_episode
 from evaluator.store.run_folder import RunFolder
 from evaluator.watch.followed_run import FollowedRun
 from evaluator.watch.state import state_of
-from physment_mcp.contract.addresses import OnlyHere
+from physment_mcp.contract.request_origin import OnlyHere
 
 _FRESH_S = 0.5
 """Shortest time between two reads of the folder, regardless of the number of open pages [s]."""

@@ -12,6 +12,7 @@ from threading import Thread
 import anyio
 
 from physment_mcp.commands.base import Commands, common_options, observations, port, positive, timestep
+from physment_mcp.contract.addresses import is_loopback
 from physment_mcp.contract.command_line import restore_sigint
 from physment_mcp.errors import NotOpened, UsageError
 
@@ -111,7 +112,6 @@ def run(args: argparse.Namespace) -> int:
         SceneError: There are no scenes.
     """
     # --help need not wait for the engine.
-    from physment_mcp.contract.addresses import is_loopback  # noqa: PLC0415
     from physment_mcp.scene import scene_ids  # noqa: PLC0415
     from physment_mcp.serving.admission import free_memory, usual_episodes  # noqa: PLC0415
     from physment_mcp.serving.episode_server import EpisodeServer  # noqa: PLC0415

@@ -26,7 +26,7 @@ from starlette.routing import Route
 from evaluator.agents.browser.player import MOST_CALLS, MOST_NOTE, PageState
 from evaluator.errors import RefusedRequest
 from evaluator.records.episode import ToolCall
-from physment_mcp.contract.addresses import OnlyHere
+from physment_mcp.contract.request_origin import OnlyHere
 
 MOST_BODY = 100_000
 """Largest accepted request body [bytes]."""

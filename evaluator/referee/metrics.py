@@ -1,51 +1,10 @@
-"""Bookkeeping of a referee: numbers the epochs of its episodes, writes the run record, and counts for Prometheus."""
+"""Counters of a referee, in the text format of Prometheus."""
 
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 
-from evaluator.certify.seed_proofs import SeedProver
-from evaluator.records.episode import EpisodeKey, Outcome
-from evaluator.records.run import RunRecord
-
-
-@dataclass(slots=True)
-class Recording:
-    """The episodes in the run folder of a referee."""
-
-    splits: set[str] = field(default_factory=set[str])
-    """Splits of the recorded episodes."""
-    _played: Counter[tuple[int, int, int, str]] = field(default_factory=Counter[tuple[int, int, int, str]])
-    """Number of records per combination of scene, seed, budget and prompting. It gives the epoch of the next record."""
-
-    def numbered(self, key: EpisodeKey) -> EpisodeKey:
-        """Return the key to record. The epoch is reserved at once, so that two episodes graded together differ."""
-        cell = key.scene, key.seed, key.budget, key.prompting
-        self._played[cell] += 1
-        return key.model_copy(update={"epoch": self._played[cell]})
-
-    def run_record(self, record: RunRecord, prover: SeedProver | None) -> RunRecord:
-        """Return a run record with the plan replaced by what was actually recorded.
-
-        Args:
-            record: The record from the start of the referee.
-            prover: Checked the seeds; None if no seed was checked.
-        """
-        cells, splits = sorted(self._played), self.splits
-        plan = record.plan.model_copy(
-            update={
-                "scenes": tuple(sorted({scene for scene, *_ in cells})),
-                "seeds": tuple(sorted({seed for _, seed, *_ in cells})),
-                "budgets": tuple(sorted({budget for _, _, budget, _ in cells})),
-                "promptings": tuple(sorted({prompting for *_, prompting in cells})),
-                "epochs": max(self._played.values(), default=1),
-                # A run has one split or none. The split of held-back seeds is in the plan from the start.
-                "split": record.plan.split or (next(iter(splits)) if len(splits) == 1 else ""),
-            }
-        )
-        proofs = prover.record((scene, seed) for scene, seed, *_ in cells) if prover else None
-        return record.model_copy(update={"plan": plan, "seed_proofs": proofs})
-
+from evaluator.records.episode import Outcome
 
 CONTENT_TYPE = "text/plain; version=0.0.4; charset=utf-8"
 """Media type of the text format."""

@@ -8,7 +8,7 @@ from starlette.requests import Request
 from starlette.responses import PlainTextResponse
 from starlette.routing import Route
 
-from physment_mcp.contract.addresses import OnlyHere
+from physment_mcp.contract.request_origin import OnlyHere
 from tests.builders.hosts import FOREIGN_HOSTS
 
 
