@@ -1,9 +1,8 @@
-"""Settings and fixtures of all tests: signals, coverage of the core, async backend, web servers, --update-goldens."""
+"""Settings and fixtures of all tests: coverage of the core, async backend, web servers, --update-goldens."""
 
 import contextlib
 import http.server
 import json
-import signal
 import subprocess
 import sys
 import threading
@@ -35,12 +34,6 @@ TRACED = (
 )
 """Start of the paths of tests that run under coverage: those of the modules that pyproject.toml requires to be covered
 completely. The tracer makes all Python code up to twice as slow, so the other tests run without it."""
-
-
-def pytest_configure() -> None:
-    """Restore signals that `nohup` and background shells ignore; programs that tests start would ignore them too."""
-    signal.signal(signal.SIGINT, signal.default_int_handler)
-    signal.signal(signal.SIGHUP, signal.SIG_DFL)
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:

@@ -1,7 +1,8 @@
-"""Runs `physment-eval` in this process, which saves more than a second of imports per command."""
+"""Runs `physment-eval` in this process, which saves a second of imports per command; restores signals for others."""
 
 import contextlib
 import io
+import signal
 import sys
 from collections.abc import Generator
 from dataclasses import dataclass
@@ -49,3 +50,9 @@ def _reading(stdin: io.StringIO) -> Generator[None]:
         yield
     finally:
         sys.stdin = before
+
+
+def heed_signals() -> None:
+    """Restore the default signal handling in a started program, because nohup and background jobs ignore signals."""
+    signal.signal(signal.SIGHUP, signal.SIG_DFL)
+    signal.signal(signal.SIGINT, signal.SIG_DFL)

@@ -19,7 +19,7 @@ from evaluator.commands.program import main
 from evaluator.records.episode import Outcome
 from evaluator.store.run_folder import RunFolder
 from scenes import default_folder
-from tests.builders.commands import physment_eval
+from tests.builders.commands import heed_signals, physment_eval
 
 COMMAND = [sys.executable, "-m", "evaluator"]
 
@@ -255,12 +255,6 @@ def _keys(folder: Path) -> list[tuple[int, int]]:
     return [(key["scene"], key["seed"]) for key in (json.loads(line)["key"] for line in lines)]
 
 
-def _heed_signals() -> None:
-    """Restore the default signal handling, because nohup and background jobs of scripts ignore signals."""
-    signal.signal(signal.SIGHUP, signal.SIG_DFL)
-    signal.signal(signal.SIGINT, signal.SIG_DFL)
-
-
 def _start_and_stop(
     tmp_path: Path, server: str, how: signal.Signals, after: int, *more: str, background: bool = False
 ) -> int:
@@ -283,7 +277,7 @@ def _start_and_stop(
         stderr=subprocess.PIPE,
         text=True,
         start_new_session=True,
-        preexec_fn=_heed_signals,  # noqa: PLW1509 - no threads are started before it
+        preexec_fn=heed_signals,  # noqa: PLW1509 - no threads are started before it
     ) as process:
         assert process.stdout is not None
         for _ in range(after):

@@ -14,7 +14,7 @@ import pytest
 from evaluator.certify.records import CERTIFICATES_FILE
 from evaluator.store.run_folder import RunFolder
 from scenes import default_folder
-from tests.builders.commands import physment_eval
+from tests.builders.commands import heed_signals, physment_eval
 
 COMMAND = [sys.executable, "-m", "evaluator"]
 
@@ -65,7 +65,7 @@ def test_an_interrupted_verify_keeps_what_it_has_proven(packs: Path) -> None:
         stderr=subprocess.PIPE,
         text=True,
         start_new_session=True,
-        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),  # noqa: PLW1509 - ignored in a background
+        preexec_fn=heed_signals,  # noqa: PLW1509 - two system calls
     ) as process:
         assert process.stdout is not None
         assert process.stdout.readline().startswith("[1/2] scene 7: NOT SOUND")

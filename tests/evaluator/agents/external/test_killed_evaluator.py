@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 
+from tests.builders.commands import heed_signals
 from tests.evaluator.agents.external.test_external import gone, until
 
 STUBBORN = """
@@ -38,7 +39,12 @@ async def test_nothing_is_left_behind(tmp_path: Path, how: signal.Signals) -> No
     program.write_text(STUBBORN.replace("NOTE", repr(str(note))), encoding="utf-8")
     words = ["--agent", "external", "--server", "host", "--scenes", "7", "--out", str(tmp_path / "run")]
     command = [sys.executable, "-m", "evaluator", "run", *words, "--", sys.executable, str(program), "{mcp_config}"]
-    evaluator = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)  # noqa: ASYNC220
+    evaluator = subprocess.Popen(  # noqa: ASYNC220
+        command,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+        preexec_fn=heed_signals,  # noqa: PLW1509 - two system calls
+    )
     try:
         await until(note.exists)
         said = json.loads(note.read_text(encoding="utf-8"))
