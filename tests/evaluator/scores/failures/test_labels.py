@@ -216,7 +216,7 @@ def _links(judged: dict[Id, Judged]) -> str:
     precision = _share(links.both, links.both + links.found_only)
     recall = _share(links.both, links.both + links.labelled_only)
     table = markdown_table(("the number was", *hows), lines)
-    return f"{table}\n\nPrecision of the links {precision}, recall {recall}."
+    return f"{table}\n\nThe precision of the links is {precision}, and their recall is {recall}."
 
 
 def _all_episodes(judged: dict[Id, Judged]) -> str:
