@@ -29,6 +29,7 @@ def finish(
     wanted: int | None = None,
     note: str = "",
     kept: Collection[int] = (),
+    keep_laws: bool = False,
 ) -> int:
     """Grade and score a run once; write its grades, summary and report; print the results.
 
@@ -40,11 +41,12 @@ def finish(
         wanted: Expected number of episodes; None if the run is complete.
         note: Clause about the seal; by default the seal is checked.
         kept: Scenes whose stored grades are kept, because they were played on other packs than those here.
+        keep_laws: Whether to keep the grades of unchanged laws that an earlier part of this run has written.
 
     Returns:
         The exit code: 1 if episodes are missing or could not be played.
     """
-    graded = grade_run(folder, keys, withhold=is_withheld(folder), kept=kept)
+    graded = grade_run(folder, keys, withhold=is_withheld(folder), kept=kept, keep_laws=keep_laws)
     report_on(folder, graded.rows, keys, note or seal_note(folder))
     print_results(console, graded)
     if kept:

@@ -69,7 +69,7 @@ def play_run(run: PreparedRun) -> int:
     if stopped:
         print(f"physment-eval: {stopped}; {continuation}", file=sys.stderr)
     wanted = len(run.keys) if run.table is None else None
-    code = finish(folder, run.answers, run.console, as_json=config.as_json, wanted=wanted)
+    code = finish(folder, run.answers, run.console, as_json=config.as_json, wanted=wanted, keep_laws=True)
     return code or int(bool(stopped))
 
 

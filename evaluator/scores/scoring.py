@@ -75,7 +75,14 @@ def score_episode(
     )
 
 
-def grade_run(folder: RunFolder, keys: KeyRing, *, withhold: bool = False, kept: Collection[int] = ()) -> GradedRun:
+def grade_run(
+    folder: RunFolder,
+    keys: KeyRing,
+    *,
+    withhold: bool = False,
+    kept: Collection[int] = (),
+    keep_laws: bool = False,
+) -> GradedRun:
     """Grade and score all episodes of a run, and write its grades and its summary.
 
     If a verdict changed, the previous grades are kept in a second file.
@@ -85,13 +92,15 @@ def grade_run(folder: RunFolder, keys: KeyRing, *, withhold: bool = False, kept:
         keys: Answer keys of its scenes.
         withhold: Whether to omit answer keys and reasons from the grades, because the seeds of the run are held back.
         kept: Scenes whose stored grades are kept, because the packs here are not those of the run.
+        keep_laws: Whether to keep the stored grades of laws that have not changed, which take about a second each.
+            Only for a run whose grades this program has written.
 
     Raises:
         UsageError: A pack is malformed or gives no key, or an episode has no stored grade that could be kept.
         StoreError: The folder cannot be read or written.
     """
     before = folder.grades()
-    rows = graded_rows(folder, keys, withhold=withhold, kept=kept, before=before)
+    rows = graded_rows(folder, keys, withhold=withhold, kept=kept, before=before if keep_laws else None)
     records = [row.record for row in rows]
     changes = _changes(before, records)
     if changes:
@@ -117,7 +126,7 @@ def graded_rows(
         keys: Answer keys of its scenes.
         withhold: Whether to omit answer keys and reasons from the grades.
         kept: Scenes whose stored grades are kept.
-        before: Earlier grades, of which those of unchanged laws are kept, because grading a law takes about a second.
+        before: Earlier grades, of which those of unchanged laws are kept; None to grade all laws again.
 
     Raises:
         UsageError: A pack is malformed or gives no key, or an episode has no stored grade that could be kept.
@@ -212,6 +221,12 @@ def read_graded(folder: RunFolder) -> list[tuple[Episode, GradeRecord]]:
     return [(episode, grades[key]) for key, episode in episodes.items()]
 
 
+def _law_reason(before: str, now: str) -> str:
+    if before == now:
+        return "the stored grade is not that of this grader"
+    return f"law grader {before} → {now}"
+
+
 _EQUIVALENCE = {True: "equivalent", False: "not equivalent"}
 
 
@@ -229,7 +244,7 @@ def _changes(previous: Mapping[EpisodeKey, GradeRecord], records: Iterable[Grade
         if old.law is not None and new.law is not None and old.law.equivalent is not new.law.equivalent:
             lines.append(
                 f"{named}: law {_EQUIVALENCE[old.law.equivalent]} → {_EQUIVALENCE[new.law.equivalent]}"
-                f" (law grader {old.law.version} → {new.law.version})"
+                f" ({_law_reason(old.law.version, new.law.version)})"
             )
         verdicts = [(old.grade.strict, new.grade.strict), (old.grade.normalised, new.grade.normalised)]
         if all(before is after for before, after in verdicts):

@@ -123,6 +123,18 @@ def test_a_verdict_on_a_law_that_changes_is_listed_and_the_grades_before_are_kep
     assert grade_run(folder, KeyRing()).changes == []
 
 
+def test_grading_a_run_again_does_not_trust_the_grade_of_a_law_that_it_finds(folder: RunFolder) -> None:
+    record = grade_run(folder, KeyRing()).rows[0].record
+    assert record.law is not None
+    forged = record.model_copy(update={"law": record.law.model_copy(update={"equivalent": True})})
+    folder.write_grades([forged])
+    assert grade_run(folder, KeyRing(), keep_laws=True).rows[0].record == forged
+    again = grade_run(folder, KeyRing())
+    assert again.rows[0].record == record
+    line = "scene 201 seed 1 x: law equivalent → not equivalent (the stored grade is not that of this grader)"
+    assert again.changes[0] == line
+
+
 def test_an_episode_without_a_law_or_of_another_scene_has_no_grade_of_a_law() -> None:
     plain = episode(turn("", returned("answer", {}, answer=1)), key=episode_key(201))
     assert law_grade(plain, KeyRing()) is None
