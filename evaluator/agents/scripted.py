@@ -131,7 +131,7 @@ class BatchAgent:
         except PackError as error:
             raise AgentError(f"no batch: {error}") from error
         if batch is None:
-            raise AgentError(f"no batch: solution.py of scene {key.scene} defines none")
+            raise AgentError(f"no batch: solution.py of scene {reference_of(key.scene)} defines none")
         return ProtocolPlayer(batch, briefing.prompt)
 
 

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from evaluator.errors import UsageError
 from evaluator.records.episode import EpisodeKey, GradeRecord, Verdict
-from scenes import content_hash_of
+from scenes import content_hash_of, reference_of
 
 
 class Responses(NamedTuple):
@@ -95,6 +95,6 @@ def _refuse_mixed_packs(grades: Sequence[tuple[str, GradeRecord]]) -> None:
         first, known = packs.setdefault(one.key.scene, (name, pack))
         if pack != known:
             raise UsageError(
-                f"{first} and {name} were played on different packs of scene {one.key.scene}, which are not the same"
-                " task; calibrate runs of the same packs"
+                f"{first} and {name} were played on different packs of scene {reference_of(one.key.scene)}, which are"
+                " not the same task; calibrate runs of the same packs"
             )

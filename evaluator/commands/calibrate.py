@@ -17,7 +17,7 @@ from evaluator.scores.errata import is_withdrawn
 from evaluator.scores.grouping import NO_RUNG
 from evaluator.scores.scoring import read_graded
 from evaluator.store.run_folder import RunFolder
-from scenes import Pack, PackError, Rung, content_hash_of, find_pack, read_pack, same_pack
+from scenes import Pack, PackError, Rung, content_hash_of, find_pack, read_pack, reference_of, same_pack
 
 _DESCRIPTION = """\
 Put agents and scenes on one scale of logits by a Rasch model, from graded runs: ability of each agent and difficulty
@@ -94,8 +94,8 @@ def _pack(grade: GradeRecord, scenes_dir: Path | None, folder: RunFolder) -> Pac
         files = find_pack(grade.key.scene, scenes_dir)
         if not same_pack(grade.pack_version, files):
             raise UsageError(
-                f"{folder.path} was played on another pack of scene {grade.key.scene} than the one here, whose features"
-                " explain nothing of it; name the folder of its packs with --scenes-dir"
+                f"{folder.path} was played on another pack of scene {reference_of(grade.key.scene)} than the one here,"
+                " whose features explain nothing of it; name the folder of its packs with --scenes-dir"
             )
         return read_pack(files)
     except PackError as error:

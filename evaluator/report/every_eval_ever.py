@@ -246,6 +246,7 @@ def _sample(identity: str, model: str, episode: Episode, record: GradeRecord) ->
         "metadata": {
             "outcome": episode.outcome.value,
             "verdict": grade.strict.value,
+            **({} if record.law is None else {"law_equivalent": str(record.law.equivalent).lower()}),
             "pack": episode.versions.pack,
             "answer_key": "left out",
             "canary": CANARY,

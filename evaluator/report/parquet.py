@@ -13,12 +13,14 @@ from typing import Any
 from evaluator.errors import StoreError, UsageError
 from evaluator.records.episode import Episode, GradeRecord
 from evaluator.records.run import RunRecord
+from scenes import reference_of
 
 _EPISODES_AT_A_TIME = 200
 """Number of episodes in a row group. A larger file is written in several groups to limit memory."""
 
 COLUMNS: dict[str, str] = {
     "scene": "int32",
+    "reference": "string",
     "seed": "int64",
     "agent": "string",
     "budget": "int32",
@@ -31,6 +33,7 @@ COLUMNS: dict[str, str] = {
     "strict": "string",
     "normalised": "string",
     "graded": "float64",
+    "law_equivalent": "bool",
     "turn": "int32",
     "call": "int32",
     "reasoning": "string",
@@ -44,8 +47,12 @@ COLUMNS: dict[str, str] = {
     "text": "string",
     "duration_s": "float64",
 }
-"""Column → type. Texts of `answer`, `arguments` and `content` are JSON. `turn` and `call` count from 1; `reasoning` and
-`note` belong to the turn and repeat for each of its calls. A turn without calls has no row."""
+"""Column → type.
+
+`reference` is what `--scenes` calls the scene, such as `world:5:3`. Texts of `answer`, `arguments` and `content` are
+JSON. `law_equivalent` is null if no law was stated. `turn` and `call` count from 1; `reasoning` and `note` belong to
+the turn and repeat for each of its calls. A turn without calls has no row.
+"""
 
 
 def write_parquet(file: Path, run: RunRecord, graded: Sequence[tuple[Episode, GradeRecord]]) -> int:
@@ -83,12 +90,14 @@ def exchange_rows(episode: Episode, record: GradeRecord) -> Iterator[dict[str, A
     """Yield a row for each tool call of an episode, as a mapping of columns to values."""
     whole = {
         **episode.key.model_dump(),
+        "reference": reference_of(episode.key.scene),
         "pack": episode.versions.pack,
         "outcome": episode.outcome.value,
         "answer": None if episode.answer is None else _json(episode.answer),
         "strict": record.grade.strict.value,
         "normalised": record.grade.normalised.value,
         "graded": record.grade.graded,
+        "law_equivalent": None if record.law is None else record.law.equivalent,
     }
     for number, turn in enumerate(episode.turns, start=1):
         for index, exchange in enumerate(turn.exchanges, start=1):

@@ -25,6 +25,7 @@ from evaluator import (
     Verdict,
     feedback_text,
 )
+from scenes import reference_of
 
 Graded = Sequence[tuple[Episode, GradeRecord]]
 SCORER = "laboratory_grade"
@@ -120,18 +121,19 @@ def _sample(episode: Episode, record: GradeRecord) -> log.EvalSample:
     scores = {}
     if grade.strict is not Verdict.UNSCORED:
         scores[SCORER] = score_of(episode, grade)
+    law = {} if record.law is None else {"law_equivalent": record.law.equivalent}
     used = episode.usage
     usage = {} if used is None else {key.agent: _usage(used)}
     failed = episode.outcome is Outcome.INFRASTRUCTURE_ERROR
     return log.EvalSample(
-        id=f"scene{key.scene}-seed{key.seed}",
+        id=f"scene{reference_of(key.scene)}-seed{key.seed}",
         epoch=key.epoch,
         input=episode.prompt,
         target="",
         messages=messages,
         output=model.ModelOutput.from_message(last) if last is not None else model.ModelOutput(model=key.agent),
         scores=scores,
-        metadata={"key": key.model_dump(), "outcome": episode.outcome.value, "pack": episode.versions.pack},
+        metadata={"key": key.model_dump(), "outcome": episode.outcome.value, "pack": episode.versions.pack, **law},
         model_usage=usage,
         started_at=episode.started_at,
         total_time=episode.duration_s,

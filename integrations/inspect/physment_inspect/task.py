@@ -44,7 +44,7 @@ from evaluator import (
 )
 from physment_inspect.log import score_of
 from physment_mcp import __version__
-from scenes import find_pack, read_pack
+from scenes import find_pack, read_pack, reference_of
 
 EPISODE = "physment_episode"
 """Key of the episode record in the store of a sample."""
@@ -100,7 +100,7 @@ def _sample(key: EpisodeKey) -> Sample:
     """Create a sample for an episode, without its answer. The laboratory writes its opening prompt."""
     pack = read_pack(find_pack(key.scene))
     return Sample(
-        id=f"scene{key.scene}-seed{key.seed}",
+        id=f"scene{reference_of(key.scene)}-seed{key.seed}",
         input=f"Scene {key.scene}: {pack.metadata.scene_name}",
         metadata={"key": key.model_dump(), "category": pack.category, "problem_type": pack.metadata.problem_type},
     )

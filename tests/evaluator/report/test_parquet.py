@@ -9,11 +9,11 @@ from pathlib import Path
 import pytest
 
 from evaluator.commands.program import main
-from evaluator.records.episode import Episode
+from evaluator.records.episode import Episode, GradeRecord, LawGrade
 from evaluator.records.run import RunRecord
 from evaluator.report.parquet import COLUMNS, exchange_rows
 from evaluator.store.run_folder import RunFolder
-from tests.builders.records import WRONG, episode, refused, returned, skipped, turn
+from tests.builders.records import WRONG, episode, episode_key, refused, returned, skipped, turn
 
 needs_pyarrow = pytest.mark.skipif(
     find_spec("pyarrow") is None, reason="pyarrow, the extra `parquet`, is not installed"
@@ -28,8 +28,6 @@ def played(tmp_path_factory: pytest.TempPathFactory, host_url: str) -> RunFolder
 
 
 def test_a_row_holds_its_episode_its_turn_and_its_exchange() -> None:
-    from evaluator.records.episode import GradeRecord
-
     played = episode(
         turn("I look.", returned("get_position", {"sim_time": 0.5, "position": [0, 0, 1]}, object_id="object_1")),
         turn("no call"),
@@ -43,8 +41,18 @@ def test_a_row_holds_its_episode_its_turn_and_its_exchange() -> None:
     assert (first["turn"], first["call"], first["reasoning"], first["sim_time"]) == (1, 1, "I look.", 0.5)
     assert json.loads(first["content"]) == {"sim_time": 0.5, "position": [0, 0, 1]}
     assert json.loads(first["arguments"]) == {"object_id": "object_1"}
+    assert (first["reference"], first["law_equivalent"]) == ("7", None)
     assert (second["turn"], second["is_error"], second["content"], second["sim_time"]) == (3, True, None, None)
     assert (third["call"], third["returned"]) == (2, False)
+
+
+def test_a_row_names_a_world_as_scenes_does_and_has_the_verdict_on_its_law() -> None:
+    key = episode_key(10_500_003)
+    played = episode(turn("", returned("step", {}, duration=1)), key=key)
+    law = LawGrade(version="3", sha256="0", equivalent=True)
+    record = GradeRecord(key=key, grade=WRONG, answer_key=1, grader_version="3", pack_version="0", law=law)
+    (row,) = exchange_rows(played, record)
+    assert (row["reference"], row["law_equivalent"]) == ("world:5:3", True)
 
 
 @needs_pyarrow
