@@ -1,4 +1,4 @@
-"""Baseline agents: random guess, random calls followed by a guess, and another agent with a single batch of calls."""
+"""Baseline agents: a random guess, random calls followed by a guess, and any agent limited to one batch of calls."""
 
 import random
 from dataclasses import dataclass, field, replace

@@ -84,7 +84,7 @@ def refuse_commas(calls: Sequence[ToolCall]) -> None:
 
 
 def _readings(parts: Sequence[str]) -> str:
-    """List the unambiguous spellings of each meaning that digits between commas can have."""
+    """Return an unambiguous spelling for each possible meaning of the commas: decimal, thousands or list separator."""
     ways = [f"{parts[0].replace('.', '')}.{parts[1]}"] if len(parts) == 2 and "." not in parts[1] else []
     ways += ["".join(parts)] if all(len(part.partition(".")[0]) == 3 for part in parts[1:]) else []
     return " or ".join([*ways, f"[{', '.join(parts)}]"])

@@ -21,7 +21,7 @@ from evaluator.records.episode import EpisodeKey, Exchange, ToolCall
 
 
 class Change(StrEnum):
-    """One way in which a presentation differs from the laboratory's own."""
+    """A change that a presentation makes to the texts, ids, lists or units of the laboratory."""
 
     PARAPHRASE = "paraphrase"
     """The prompt is paraphrased; the statement of the task is not changed."""

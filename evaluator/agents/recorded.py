@@ -58,7 +58,7 @@ class RepeatingPlayer:
 
 @dataclass(frozen=True, slots=True)
 class RecordedAgent:
-    """An agent that makes the calls recorded under the same episode key, by whichever agent."""
+    """Repeats the recorded calls of the episode with the same key. The record may be that of another agent."""
 
     name: str
     episodes: tuple[Episode, ...]

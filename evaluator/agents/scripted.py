@@ -114,7 +114,7 @@ class _ConstantPlayer:
 
 @dataclass(frozen=True, slots=True)
 class BatchAgent:
-    """Plays the scene's `batch` protocol: the best attempt with one fixed list of calls."""
+    """Plays the scene's `batch` protocol: the best solution that makes one fixed list of calls."""
 
     scenes_dir: Path | None = None
     """Folder of scene packs; None for the suite."""

@@ -1,4 +1,4 @@
-"""Synthetic test takers: the reference agent with handicaps of known order, for calibration and for testing scenes.
+"""Synthetic test takers: the reference agent with handicaps of known relative strength, to calibrate and test scenes.
 
 A taker modifies the calls and readings between a reference protocol and the laboratory: it omits calls, adds noise to
 readings, passes wrong arguments, or ignores some of the stated laws. The protocol itself is not changed. The random
@@ -37,7 +37,7 @@ LAWS = ("unknown-1", "unknown-2", "no-check", "wrong-law")
 
 @dataclass(frozen=True, slots=True)
 class Handicap:
-    """The ways in which a taker is worse than the reference agent. The default is no handicap."""
+    """Handicap of a taker in comparison with the reference agent. By default there is none."""
 
     calls: float = float("inf")
     """Number of calls that the taker makes before its answer; readings of further calls are missing."""
@@ -47,8 +47,8 @@ class Handicap:
     slips: float = 0.0
     """Percentage of the acting or waiting calls in which the numbers are half of the intended ones."""
     law: str = ""
-    """Entry of `LAWS`, effective where the pack fits a family: one or two structures are unknown to the taker; it knows
-    only one and checks no other; or it knows all but the one that fits best. Empty if it knows all."""
+    """Entry of `LAWS`; it has an effect only in packs with a family of laws. The taker does not know one or two of the
+    laws, knows only one law, or knows all laws except the best-fitting one. Empty if it knows all laws."""
 
     def is_within(self, other: "Handicap") -> bool:
         """Return whether this handicap is at most as strong as another one in every respect."""
@@ -209,7 +209,7 @@ class _TakerPlayer:
         }
 
     def _fitted(self, asked: ToolCall) -> ToolCall:
-        """Return the answer by the best-fitting law that the taker knows; `asked` itself if the pack fits no family.
+        """Return the answer of the best-fitting law that the taker knows; `asked` if the pack has no family of laws.
 
         The answer states the law that the protocol inferred only if the taker knows it.
         """
@@ -232,7 +232,7 @@ class _TakerPlayer:
 
 
 def _known(order: Sequence[str], fits: Mapping[str, Member], law: str) -> Sequence[str]:
-    """Return the structures that a taker knows: a random subset of all, with at least one."""
+    """Return the laws that a taker knows: all except the best-fitting one, or a random subset with at least one law."""
     if law == "wrong-law":
         best = min(order, key=lambda name: fits[name].chi_square)
         return [name for name in order if name != best] or order

@@ -63,8 +63,8 @@ SENTENCES = (
         " apart,",
     ),
 )
-"""Sentences of the opening prompt about units, each with the one that replaces it; the second stands only in scenes
-that ask for a law.
+"""Sentences of the opening prompt about units, each with its replacement. The second occurs only in scenes that ask for
+a law.
 """
 
 LAW_UNITS = (

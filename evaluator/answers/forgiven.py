@@ -1,8 +1,8 @@
 """Normalised grading: accepts a strictly wrong answer for one of four documented reasons.
 
 The reasons are equivalent object notation, trivial rounding, conceptual description and partial answer format. Each
-part of the answer must be strictly right or have exactly one reason. Reasons do not combine: `3.1 N` is not also
-accepted as rounded.
+part of the answer must be strictly right or have exactly one reason. Reasons are not combined: a number
+with a unit, such as `3.1 N`, is not also accepted as rounded.
 """
 
 import re
@@ -60,7 +60,10 @@ def forgive(answer: JsonValue, key: AnswerKey) -> Finding | None:
 
 
 def _forgive_form(answer: JsonValue, key: AnswerKey) -> Finding | None:
-    """Accept each part by its form. The answer gets the first reason, in the documented order, that a part needed."""
+    """Accept an answer if every part is right, strictly or by normalisation.
+
+    The answer gets the first reason, in the documented order, that one of its parts needed.
+    """
     findings: list[Finding] = []
     items = labelled_items(answer, key.spec.labels) or lenient_items(answer, len(key.parts)) or ()
     for index, item in enumerate(items):
@@ -139,7 +142,7 @@ def _forgive_quantity(item: Item, wanted: PlainNumber, key: AnswerKey, index: in
 
 
 def _forgive_formula(text: str, key: AnswerKey) -> Finding | None:
-    """Accept a left side as in `F = 2 x`, a label, LaTeX, and variables without a space between them."""
+    """Accept a formula with a left side as in `F = 2 x`, a label, LaTeX, or variables without a space between them."""
     right, reason = compare_formulas(one_side(text, key.spec.variables), str(key.value), key.spec, run_together=True)
     return Finding(right=True, reason=reason, forgiven=NormalisationClass.ANSWER_FORMAT) if right else None
 
@@ -151,7 +154,7 @@ def _is_mislabelled(label: str, labels: Sequence[str], index: int) -> bool:
 
 
 def _forgive_words(text: str, key: AnswerKey, index: int) -> Finding | None:
-    """Accept the right words with a label, brackets or a full stop, and other notations of the right object."""
+    """Accept the right words with a label, brackets or a full stop, and the right object in another notation."""
     whole = unwrap(plain_text(text))
     label, rest = unlabel(whole)
     # Drop only labels such as "the answer is": `object_1 = object_2` does not answer object_2.

@@ -1,4 +1,4 @@
-"""Parses the numbers and list parts of an answer. Knows no keys and no verdicts.
+"""Parses the numbers and list parts of an answer, without its key.
 
 There are two parsers. The strict one accepts only a plain number. The lenient one also accepts common notations of one
 number (a unit, a label, brackets, LaTeX, a fraction, a mixed number, full-width digits, thousands separators, powers of

@@ -120,9 +120,9 @@ class KeyRing:
             raise UsageError(f"{files.json}: no answer can be compared with its key at seed {seed}: {error}") from error
 
     def _law(self, scene: int, seed: int) -> TrueLaw | None:
-        """Return the law of a scene at a recorded seed; None if the scene asks for none, or none can be stated.
+        """Return the law of a scene at a recorded seed; None if the scene asks for no law, or its law cannot be stated.
 
-        The second is the case if motion in the model does not follow from its laws alone, which `lint` reports.
+        A law cannot be stated if motion in the model does not follow from its laws alone. `lint` reports this.
 
         Raises:
             UsageError: The pack is malformed.

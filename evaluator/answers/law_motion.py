@@ -1,4 +1,4 @@
-"""Integrates the motion of objects under a law that is written as text, in fixed time steps. Knows no grades.
+"""Integrates the motion of objects under a law that is written as text, in fixed time steps. `laws` grades the result.
 
 A *course* is a simulated motion; it consists of legs, during which the loads are constant.
 """
@@ -108,7 +108,7 @@ class StatedMotion:
 
 
 def held_steps(lasting: float) -> int:
-    """Return the number of integration steps while the objects are held for a time [s]."""
+    """Return the number of integration steps for the time during which the objects are held [s]."""
     return math.ceil(lasting / _HELD_STEP_S)
 
 

@@ -140,7 +140,10 @@ def hash_of(written: object) -> str:
 
 
 def courses_of(true: TrueLaw, *, far: bool) -> list[LoadPlan]:
-    """Return random courses inside the region that the laboratory allows, or outside; the same for every stated law."""
+    """Return random courses that start in the region that the laboratory allows or, if `far`, outside it.
+
+    The courses are the same for every stated law.
+    """
     coordinates, radius = true.model.coordinates, true.model.radius or _TURN
     low, high = (1.0, 1.5) if far else (0.0, 0.8)
     swift, strong, late = (4.0, 8.0, 1.5) if far else (2.0, 3.0, 0.6)

@@ -89,7 +89,7 @@ def _share(key: AnswerKey, index: int) -> float:
 
 
 class Worth(StrEnum):
-    """The value of an `AnswerReward` that counts as the reward."""
+    """A rule for the value of an answer."""
 
     STRICT = "strict"
     """1 if the answer is strictly correct, otherwise 0."""

@@ -204,7 +204,7 @@ def joined_reasons(findings: Sequence[Finding]) -> str:
 
 
 def strict_parts(answer: JsonValue, key: AnswerKey) -> list[Item] | None:
-    """Split an answer into its parts; None if their number is not that of the key."""
+    """Split an answer into its parts; None if it has more or fewer parts than the key."""
     if isinstance(key.value, tuple):
         items = strict_items(answer)
         return items if items is not None and len(items) == len(key.value) else None

@@ -21,7 +21,7 @@ _ROUNDING = 1e-9
 
 
 def at_most(share: float, of: int, seeds: int) -> int:
-    """Return the largest number of seeds that a limit on their share allows.
+    """Convert an upper limit on the share of seeds to the largest allowed number of seeds.
 
     Args:
         share: Limit, from 0 to 1.
@@ -32,7 +32,7 @@ def at_most(share: float, of: int, seeds: int) -> int:
 
 
 def at_least(share: float, of: int, seeds: int) -> int:
-    """Smallest number of seeds that satisfies a lower limit on a share; arguments as for `at_most`."""
+    """Convert a lower limit on the share of seeds to the smallest allowed number; arguments as for `at_most`."""
     return math.ceil(share * of - _ROUNDING) if seeds >= ENOUGH_SEEDS else math.floor(share * of + _ROUNDING)
 
 
@@ -150,7 +150,7 @@ def _misses(subject: Subject, value: AnswerValue, key: AnswerValue) -> bool:
 
 
 def check_structure(subject: Subject, episodes: Sequence[Episode]) -> Check:
-    """Check that seeds draw several structures, and that only the correct one explains the reference's readings.
+    """Check that the law's structure differs between seeds, and that only the correct one explains the readings.
 
     Args:
         subject: The scene.
@@ -199,7 +199,7 @@ def check_structure(subject: Subject, episodes: Sequence[Episode]) -> Check:
 
 
 def _explains(subject: Subject, seed: int, exchanges: Exchanges, label: str) -> bool:
-    """Return whether the model of a structure, fitted to calls and readings, gives the right answer at a seed."""
+    """Return whether a structure of the law, fitted to calls and readings, gives the right answer at a seed."""
     assert subject.solution.fit is not None
     try:
         found = subject.solution.fit(exchanges, label)

@@ -100,7 +100,7 @@ class _Bound:
 
 
 class _Watched:
-    """A catch in one draw, and the state in which it acted."""
+    """A catch in the laboratory of one seed, and the state in which it acted."""
 
     def __init__(self, catch: Catch, number: int, subject: Subject, draw: Draw, state: _State) -> None:
         self.catch, self._state = catch, state

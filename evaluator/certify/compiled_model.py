@@ -78,7 +78,7 @@ def deepest_contact(mjcf: str) -> float:
 def numbers_of_parts(mjcf: str) -> dict[str, int]:
     """Count the parts of each kind that affects the duration of a step.
 
-    Only geoms that can collide are counted. Bodies in a fluid count in a kind of their own. Rows of the constraint
+    Only geoms that can collide are counted. Bodies in a fluid are a separate kind. Rows of the constraint
     solver are counted at the start state.
 
     Raises:

@@ -85,7 +85,7 @@ class Constants:
 
     @functools.cached_property
     def key(self) -> list[Scalar]:
-        """The answer at the drawn values: the numeric or other parts of the key."""
+        """The parts of the answer at the drawn values."""
         return self.answer()
 
     @functools.cached_property
@@ -97,7 +97,7 @@ class Constants:
         for column, name in enumerate(self.names):
             above, below = self.answer({name: _STEP}), self.answer({name: -_STEP})
             gradient[:, column] = [
-                (float(above[part]) - float(below[part])) / (2 * _STEP)  # neighbours give numbers too
+                (float(above[part]) - float(below[part])) / (2 * _STEP)  # shifted constants give numbers, too
                 for part in parts
             ]
         spec = self.subject.spec

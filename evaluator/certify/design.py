@@ -309,7 +309,7 @@ class GreedyDesign(_DesignAgent):
 
 @dataclass(frozen=True, slots=True)
 class RandomDesign(_DesignAgent):
-    """Chooses a random experiment of the same set."""
+    """Chooses a random experiment from the same set as `GreedyDesign`."""
 
     name: str = "random-design"
 

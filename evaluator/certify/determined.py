@@ -17,7 +17,7 @@ _PLAUSIBLE, _AGREEING_SHARE = 40, 0.95
 """Number of answers computed from constants that fit the readings, and the share of them that must agree with
 the key."""
 _LARGEST_MISFIT = 4.0
-"""Reduced chi-square of the drawn law above which the stated errors are too small: misfits of twice their size."""
+"""Largest reduced chi-square of the drawn law; 4 means that the readings deviate by twice their stated errors."""
 _OFF, _LEFT, _SHIFT = 0.02, 0.25, 0.005
 """Disturbance of the equilibrium, largest share of it that may remain, and tolerated offset of the equilibrium."""
 _STATED = re.compile(r"\b(?:one|two|three|some) of: [^.:;]+;")
@@ -118,7 +118,7 @@ def _unsettled(subject: Subject, draw: Draw) -> Iterator[str]:
 
 
 def family_faults(pack: Pack, solution: Solution) -> Iterator[str]:
-    """Yield a sentence for each missing part of a pack with a family of laws; none for a pack without one."""
+    """Yield a sentence for each part that a pack with a family of laws must have and lacks."""
     task = pack.metadata.task
     if solution.rivals is None:
         yield "solution.py defines no rivals: fit each law of the family"

@@ -20,7 +20,7 @@ MAX_ITERATIONS = 20
 
 @dataclass(slots=True)
 class Drive:
-    """The calls of a protocol that was run on a session, and its result."""
+    """The calls that a protocol made in a session, and the answer of the protocol."""
 
     calls: list[Call] = field(default_factory=list[Call])
     iterations: int = 0

@@ -35,7 +35,7 @@ def models_of(files: PackFiles, pack: Pack) -> list[str]:
 
 
 def model_faults(files: PackFiles, pack: Pack) -> Iterator[str]:
-    """Yield a sentence for each fault: numbers of parts or laws depend on the seed, or an absent law has no value.
+    """Yield a sentence if the number of parts or laws depends on the seed, or a disabled law has a non-finite value.
 
     Raises:
         PackError: A model cannot be drawn.

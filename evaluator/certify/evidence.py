@@ -79,7 +79,7 @@ def information(constants: Constants, episode: Episode) -> Information:
     """Compute the information of an episode's readings about the constants.
 
     Raises:
-        NotMeasurable: The recorded results differ from the laboratory's, or a neighbouring draw refuses a call.
+        NotMeasurable: The recorded results differ from the laboratory's, or shifted constants make a call fail.
     """
     files = constants.subject.files
     base = replayed(files, constants.mjcf(), episode, slopes=True)
@@ -197,7 +197,7 @@ def _differs(constants: Constants, change: dict[str, KnobValue]) -> bool:
 
 
 def fitted_rivals(constants: Constants, episode: Episode) -> list[Rival] | None:
-    """Return rivals from the pack's own fits; None if it has none, or if they do not support these calls."""
+    """Return rivals from the pack's own fits; None if the pack defines no fits, or if they cannot fit these calls."""
     solution = constants.subject.solution
     if solution.rivals is None or solution.structure is None:
         return None

@@ -236,7 +236,7 @@ def _knobs(files: PackFiles, pack: Pack, _mjcf: str) -> Iterator[str]:
 
 
 def _written(files: PackFiles) -> ET.Element:
-    """Return the XML as the author wrote it, with the conditions of its parts."""
+    """Return the XML as the author wrote it, including the `present` conditions of its elements."""
     return ET.fromstring(files.mjcf.read_text(encoding="utf-8"))  # noqa: S314 - the user's pack
 
 

@@ -1,6 +1,6 @@
 """The loads of certificate 11: the largest that an agent may apply to a scene, in many combinations.
 
-Knows what a pack permits and how bodies move. `holds` checks the catches.
+The loads depend on what the pack permits and on how the bodies move. `holds` checks the catches.
 """
 
 import math
@@ -62,9 +62,10 @@ def motion(engine: Engine, body: str, kind: Kind) -> Vector:
 
 
 def handles_of(engine: Engine, pack: Pack) -> dict[Handle, float]:
-    """Return the loads that an agent can apply, each with the speeds of all bodies after two time steps of it.
+    """Return the handles by which an agent can load bodies, each with its response.
 
-    Read-only and fixed bodies have no handles. Handles that need a disabled tool are omitted.
+    The response is the sum of the speeds that the largest load causes in two time steps. Read-only and fixed bodies
+    have no handles. Handles that need a disabled tool, or that have hardly any response, are omitted.
     """
     found: dict[Handle, float] = {}
     start = engine.save()

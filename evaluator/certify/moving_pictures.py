@@ -1,4 +1,4 @@
-"""Animated images of episodes, for a process of `renderer`."""
+"""Re-exports the code that draws animated images of episodes, for the processes that `renderer` starts."""
 
 from physment_mcp.world.pictures.moving_plates import Moment, Shown, ShownReading, moving_plate
 from physment_mcp.world.pictures.showing import ShownBody, ShownPart

@@ -56,7 +56,7 @@ class SceneCertificate(Record):
 
 
 class Certificates(Record):
-    """`certificates.json`, or the file of a second engine."""
+    """Content of `certificates.json`, or of the file for another version of the engine."""
 
     format: Literal[1] = FORMAT
     engine: str
@@ -118,7 +118,7 @@ def engine_note(folder: Path) -> str:
 
 
 def still_proven(folder: Path, packs: Sequence[PackFiles], seeds: int) -> list[SceneCertificate]:
-    """Return the stored certificates that are still valid: passed, of unchanged packs, on at least as many seeds.
+    """Return the stored certificates that passed, on at least `seeds` seeds, for packs that have not changed since.
 
     A certificate that lacks a check, or was made with another version of the engine, is not valid.
     """
@@ -147,8 +147,8 @@ def _needed(files: PackFiles) -> tuple[str, ...]:
 def write_certificates(folder: Path, proven: Iterable[SceneCertificate]) -> Path:
     """Write the certificates of the installed engine into a folder of packs; see `file_for`.
 
-    Scenes that are not in `proven` keep their stored certificates. So do scenes whose stored certificate shows the same
-    on more seeds.
+    Scenes that are not in `proven` keep their stored certificates. So do scenes whose stored certificate
+    has passed the same checks on more seeds.
 
     Raises:
         StoreError: The file cannot be written.

@@ -28,7 +28,7 @@ from scenes import PackFiles, default_folder, is_world, pack_hash, reference_of
 
 
 class SeedProof(Record):
-    """The result of proving a variant: a line of the cache."""
+    """The result of checking a variant of a scene. The cache holds one on each line."""
 
     pack: str
     """Hash of the pack."""
@@ -46,7 +46,7 @@ class SeedProof(Record):
     """Why it fails, one sentence for each reason. Absent for held-back seeds, because a reason may state the key."""
 
     def sentence(self, scene: int) -> str:
-        """Return why the seed is not played, as a clause without the key."""
+        """Explain in a clause why the seed is not played, without revealing its key."""
         return f"scene {reference_of(scene)}, seed {self.seed} cannot be proved (certificate {', '.join(self.failed)})"
 
 

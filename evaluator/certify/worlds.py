@@ -219,7 +219,7 @@ def fault_of(record: WorldRecord, certificate: Certificate) -> str | None:
 
 
 def _fault(record: WorldRecord, certificate: Certificate) -> str | None:
-    """Return the fault of a world from the recomputed gaps of its certificate; None if it is sound."""
+    """Return the fault of a world, given its certificate with recomputed values; None if it is sound."""
     return next((fault for fault, is_wrong in _FAULTS.items() if is_wrong(record, certificate)), None)
 
 

@@ -136,7 +136,7 @@ def check_sealed(args: argparse.Namespace) -> None:
     """Refuse options under which isolated programs could communicate with each other.
 
     Raises:
-        UsageError: They could, or the options of isolated programs contradict each other.
+        UsageError: The programs could communicate, or their options contradict each other.
     """
     users, asked = _users(args), args.concurrency
     if users and not args.sealed:

@@ -63,7 +63,7 @@ def remaining_of(
     Args:
         keys: All episodes that the person may play.
         done: Verdicts on the episodes that have been played.
-        table: Difficulties for an adaptive test; None for a list.
+        table: Difficulties for an adaptive test; None for a fixed list of episodes.
         se: Standard error at which the test ends [logits].
     """
     waiting = [key for key in keys if key not in done]

@@ -119,7 +119,7 @@ def _measured(episode: Episode, seed: int, line_sha256: str, scenes_dir: Path | 
 
 
 def _without_names(found: EvidenceRecord) -> EvidenceRecord:
-    """Remove the names of rivals. While seeds are held back, these names would reveal which values were not drawn."""
+    """Replace the names of rivals by numbers: a name would reveal a hidden value that a held-back seed did not draw."""
     unnamed = [rival.model_copy(update={"name": f"rival {n}"}) for n, rival in enumerate(found.rivals, start=1)]
     return found.model_copy(update={"rivals": tuple(unnamed)})
 

@@ -129,7 +129,7 @@ def _make(folder: RunFolder, episodes: Sequence[Episode], args: argparse.Namespa
 
 
 def _filmed(episode: Episode, seed: int, record_sha256: str, scenes_dir: Path | None, *, revealed: bool) -> bytes | str:
-    """The film of an episode as a script, or why it is refused; may run in a worker process."""
+    """Return the film of an episode as a script, or an error message; may run in a worker process."""
     find_visibility = viewing(scenes_dir, reveal=revealed)
 
     def opens(key: EpisodeKey) -> AbstractAsyncContextManager[Client]:

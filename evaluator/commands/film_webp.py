@@ -34,7 +34,9 @@ class _Image(NamedTuple):
 
 
 def write_animations(folder: RunFolder, episodes: Sequence[Episode], scenes_dir: Path | None, workers: int) -> int:
-    """Write an animated image of each film, and print a line about it, or on stderr why it has none.
+    """Write an animated image of each film, and print a line about it.
+
+    If a film gets no image, the reason is printed on stderr.
 
     Args:
         folder: The run.

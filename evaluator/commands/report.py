@@ -133,7 +133,7 @@ def _refuse_missing(ring: KeyRing) -> None:
 
 
 def _ring_of(played: Mapping[str, str], rings: Sequence[KeyRing]) -> KeyRing:
-    """Choose the answer keys for a run: those of the first folder with the largest number of its packs."""
+    """Choose the answer keys for a run: those of the folder that contains most of its packs; the first of several."""
     alike = [sum(_is_here(int(scene), stored, ring) for scene, stored in played.items()) for ring in rings]
     return rings[alike.index(max(alike))]
 

@@ -32,7 +32,7 @@ class EpisodeConnector(Protocol):
 
     @property
     def toolboxes(self) -> Toolboxes | None:
-        """Cached tools of the server; None if each session has a server of its own."""
+        """Cached tools of the server; None if each session has its own server."""
         ...
 
     def open(self, scene: int, seed: int) -> AbstractAsyncContextManager[Client]:

@@ -1,7 +1,7 @@
 """Sessions on stdio in processes forked from one process that has already loaded the engine.
 
-Each episode has a process of its own, with its own stdin, stdout and stderr. A fork takes a fiftieth of the processor
-time that a new process takes. POSIX only.
+Each episode has its own process, with its own stdin, stdout and stderr. A fork takes a fiftieth of the processor time
+that a new process takes. POSIX only.
 """
 
 import contextlib

@@ -94,7 +94,7 @@ class HostConnector:
             The server's reply, with at least the id and the MCP address of the episode.
 
         Raises:
-            InfrastructureError: The server cannot be reached, or opened no episode; `ServerFull` if it has no place.
+            InfrastructureError: The server cannot be reached, or opened no episode; `ServerFull` if it is full.
         """
         drawn = self.seed_of(wanted["scene"], wanted["seed"])
         try:

@@ -64,7 +64,7 @@ async def play_episode(
         key: Key of the episode, with its iteration budget.
         versions: Recorded with the episode.
         toolboxes: Cached tools of the server; None to request them for this episode.
-        used: Receives the usage of each reply, even if the episode fails. It may already hold that of earlier attempts.
+        used: Receives the usage of each reply, even if the episode fails. May contain usage of earlier attempts.
 
     Raises:
         InfrastructureError: The server failed; the episode has no outcome and may be played again.
@@ -228,7 +228,7 @@ def _answer_of(exchanges: Sequence[Exchange]) -> JsonValue:
 
 
 class Participant(Protocol):
-    """A player of a run's episodes, under one name."""
+    """Plays the episodes of a run under one name: an agent in the loop, or an external program."""
 
     @property
     def name(self) -> str:
@@ -293,5 +293,5 @@ class AgentParticipant:
             return await play_episode(self.agent, client, key, versions, laboratory.toolboxes, used)
 
     def wrapped(self, wrap: Callable[[Agent], Agent]) -> "AgentParticipant":
-        """Return this participant with its agent wrapped. Facts and resources stay those of the inner agent."""
+        """Return a participant with the wrapped agent. `facts` and `running` are those of the unwrapped agent."""
         return replace(self, agent=wrap(self.agent))

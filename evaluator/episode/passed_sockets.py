@@ -90,7 +90,7 @@ async def passed(control: ControlSocket, *more: int) -> AsyncGenerator[Messages]
     finally:
         with contextlib.suppress(OSError):
             writer.write_eof()
-        # Wait until the other process has closed the episode, so that its place is free for the next one.
+        # Wait until the other process has closed the episode, so that the next one can be opened.
         with anyio.move_on_after(_CLOSE_S, shield=True), contextlib.suppress(OSError):
             while await reader.read(_MAX_LINE):
                 pass

@@ -1,7 +1,7 @@
 """The tools that a server publishes, the validation of calls and results, and the views attached to results.
 
-A view says what may be seen of the scene. It is attached to the result of a call; records hold only the result's text
-and content. Reading a view does not count as a call.
+A view describes what is visible in the scene. It is attached to the result of a call; records hold only the result's
+text and content. Reading a view does not count as a call.
 """
 
 import json

@@ -69,7 +69,7 @@ def turn_span(number: int) -> contextlib.AbstractContextManager[Span]:
 
 
 def call_span(tool: str) -> contextlib.AbstractContextManager[Span]:
-    """Start the span of a tool call. The MCP library adds a span of its own for the request."""
+    """Start the span of a tool call. The MCP library adds another span for the request."""
     attributes = {"gen_ai.operation.name": "execute_tool", "gen_ai.tool.name": tool, "mcp.method.name": "tools/call"}
     return _span(f"execute_tool {tool}", attributes)
 

@@ -44,7 +44,7 @@ class Track(NamedTuple):
     rows: tuple[BoardRow, ...]
 
     def rank(self, row: BoardRow) -> int:
-        """One more than the number of agents with a higher Skill, or with the same and a higher accuracy."""
+        """Rank of a row: by Skill, then by accuracy. Rows with equal scores have the same rank."""
         return 1 + sum(_score(other) > _score(row) for other in self.rows)
 
 
@@ -101,7 +101,7 @@ def _model(facts: Mapping[str, JsonValue]) -> str:
 
 
 def _scaffold(run: RunRecord, agent: str) -> str:
-    """Return the parts of an agent's conditions that are not its model."""
+    """Describe the conditions of an agent other than its model."""
     plan = run.plan
     kind = "external program" if agent.startswith("external") else "evaluator's loop"
     parts = [kind, *plan.promptings, *(f"{name} calls" for name in plan.protocols)]

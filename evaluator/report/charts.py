@@ -1,4 +1,4 @@
-"""The layout of small charts: computes coordinates and ticks from points. Knows no episodes.
+"""The layout of small charts: computes coordinates and ticks from points.
 
 The page draws these charts as SVG, so they follow its light or dark theme and need no library. Figures for print are
 drawn with matplotlib (`evaluator.report.figures`).

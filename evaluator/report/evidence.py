@@ -67,7 +67,7 @@ def _reference_calls(results: Iterable[AgentResults]) -> Mapping[_Task, int]:
 
 
 def evidence_charts(row: ScoredEpisode) -> list[Chart]:
-    """Chart of the largest bound against the number of calls, on a logarithmic scale; empty without a reading."""
+    """Chart the largest error bound against the number of calls, on a logarithmic scale; no chart without a reading."""
     found = row.evidence
     if found is None or not found.calls:
         return []
@@ -158,7 +158,7 @@ def planes(results: Sequence[AgentResults], numbered: Iterable[tuple[int, int, S
 
 
 def _across(bound: float | None) -> float:
-    """Return the x coordinate of a bound [px]. Without a reading (None), the evidence counts as the least possible."""
+    """Return the x coordinate of an error bound [px]; the left end for None, an episode without a reading."""
     decades = math.log10(_MOST / _LEAST) + 1
     place = 0.0 if bound is None else 1 + math.log10(_MOST) - _clipped(bound)
     return round(LEFT + _DOT + place / decades * (PLANE[0] - LEFT - RIGHT - 2 * _DOT), 1)

@@ -1,4 +1,4 @@
-"""View model of one episode in a report: label, reasoning, table rows of calls, charts. Knows no templates."""
+"""View model of one episode in a report: label, reasoning, table rows of calls, charts."""
 
 import base64
 import json

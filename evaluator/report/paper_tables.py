@@ -31,7 +31,7 @@ BUCKETS = (
 
 
 def bucket(share: float) -> Bucket:
-    """The bucket of an accuracy, 0 to 1."""
+    """Return the colour of an accuracy from 0 to 1 in the paper's heat map."""
     # The paper rounds to one decimal before it chooses the colour: 0.1999… is 20.0.
     return next(found for found in BUCKETS if round(share, 3) < found.below)
 

@@ -174,7 +174,7 @@ def _refuse_unsealed(side: Side) -> None:
 
 
 def _refuse_two_tracks(pairs: Sequence[_Pair], a: Side, b: Side) -> None:
-    """Raise if open worlds and scenes of the suite are both common, because no score includes both."""
+    """Raise if the common scenes include both open worlds and scenes of the suite, because no score covers both."""
     open_worlds = _scenes(pair for pair in pairs if pair[0].is_open)
     if open_worlds and len(open_worlds) < len(_scenes(pairs)):
         raise UsageError(

@@ -1,4 +1,4 @@
-"""Sources of the numbers in a text: values that calls returned, numbers of plans, and stated arithmetic."""
+"""Sources of the numbers in a text: values that calls returned, numbers in plans, and stated arithmetic."""
 
 import math
 import re
@@ -181,7 +181,7 @@ class TurnText:
             yield number._replace(is_magnitude=is_magnitude)
 
     def know(self, number: Spoken, value: float) -> None:
-        """Record the value of a number in its written unit, if it was given or a call returned it."""
+        """Record the value of a known number (given, returned by a call or derived), in its written unit."""
         # The sign before the digits is an operator in the arithmetic.
         self._known[self._digits(number)] = abs(value) if number.value < 0 or number.is_magnitude else value
 
@@ -216,7 +216,7 @@ class TurnText:
 
 
 def _in_unit_of(number: Spoken, statement: Statement, values: Mapping[int, float]) -> Iterator[float]:
-    """Yield the result of arithmetic in the unit of the number; also without units, if one side has none."""
+    """Yield the result of arithmetic in the unit of the number; also without units, if one of the two has none."""
     in_si = statement.outcome(values, in_si=True)
     if in_si is not None:
         yield in_si / float(number.si_factor)
@@ -227,7 +227,7 @@ def _in_unit_of(number: Spoken, statement: Statement, values: Mapping[int, float
 
 
 def _agrees(number: Spoken, before: Derived) -> bool:
-    """Whether a number restates a derived value at its own precision."""
+    """Whether a number equals an earlier derived value, at the precision at which the number is written."""
     if number.unit is None or before.unit is None:
         factor = 1.0
     else:

@@ -59,27 +59,27 @@ class ScoredEpisode:
 
     @property
     def scene_title(self) -> str:
-        """Reference and name of its scene, such as `28 Glider between cords`; for a world the reference alone."""
+        """Reference and name of the scene, such as `28 Glider between cords`; for a world the reference alone."""
         return scene_title(self.key.scene, self.scene_name)
 
     @property
     def rung(self) -> str:
-        """Rung of its scene: `easy`, `hard`, `open`, or `NO_RUNG`."""
+        """Rung of the scene: `easy`, `hard`, `open`, or `NO_RUNG`."""
         return rung(self.category)
 
     @property
     def is_open(self) -> bool:
-        """Whether its scene is an open world, which is excluded from all scores of the suite."""
+        """Whether the scene is an open world, which is excluded from all scores of the suite."""
         return self.rung == Rung.OPEN
 
     @property
     def is_scored(self) -> bool:
-        """Whether it has a verdict. An infrastructure error and a withdrawn pack leave none."""
+        """Whether the episode has a verdict. It has none after an infrastructure error, or if its pack is withdrawn."""
         return self.grade.strict is not Verdict.UNSCORED
 
     @property
     def evidence_verdict(self) -> EvidenceVerdict | None:
-        """Whether its experiments or its reasoning were at fault; None if not measured or not measurable."""
+        """Verdict on the experiments and the reasoning; None if the evidence was not measured or is not measurable."""
         return None if self.evidence is None else evidence_verdict(self.evidence, self.grade.strict)
 
     @property
@@ -89,7 +89,7 @@ class ScoredEpisode:
 
     @property
     def stated(self) -> StatedEpisode | None:
-        """Its law and its verdict; None if its scene asks for no law."""
+        """Grade of the stated law, and verdict on the answer; None if the scene asks for no law."""
         return StatedEpisode(self.record.law, self.grade.strict) if self.asks_for_law else None
 
     @property

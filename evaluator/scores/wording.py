@@ -77,7 +77,7 @@ def counted(group: GroupSummary, name: str) -> str:
 
 
 def counted_of(name: str, n_defined: Mapping[str, int], n_numbers: int, n_scored: int) -> str:
-    """Describe the sample of a dimension from counts, as `counted` does.
+    """Describe the sample of a dimension, given its counts; see `counted`.
 
     Args:
         name: Field name of the dimension.

@@ -1,6 +1,6 @@
 """`--executor ray`: workers on a Ray cluster play the episodes, for operators who need more than one machine.
 
-Knows no run folders. Ray is imported when the workers are started.
+This module does not access run folders. Ray is imported when the workers are started.
 """
 
 import contextlib

@@ -43,7 +43,7 @@ class Board:
             del self._present[key]
 
     async def keep_written(self) -> None:
-        """Rewrite the file at intervals until cancelled; then remove it."""
+        """Rewrite the file of running episodes at intervals until cancelled; then remove it."""
         try:
             while True:
                 self.write()
@@ -52,7 +52,7 @@ class Board:
             self.folder.running_file.unlink(missing_ok=True)
 
     def write(self) -> None:
-        """Write the file. Errors are ignored, because the file is only for display."""
+        """Write the file of running episodes. Errors are ignored, because the file is only for display."""
         clock, now = time.monotonic(), datetime.now(UTC)
         found = RunningEpisodes(
             episodes=tuple(

@@ -1,7 +1,7 @@
 """Workers: processes that play episodes, on this machine or on a cluster, and the assignment of episodes to them.
 
-The executors (`process_executor`, `ray_executor`) start workers and communicate with them. Workers know no run folders:
-they return records to the process that the operator started, which writes them.
+The executors (`process_executor`, `ray_executor`) start workers and communicate with them. Workers do not write to
+run folders: they return records to the process that the operator started, which writes them.
 """
 
 import contextlib
@@ -217,7 +217,7 @@ class Workers:
             self._tasks.start_soon(self._wait_for, slot)
 
     async def _wait_for(self, slot: WorkerSlot) -> None:
-        """Prepare a worker, retrying until it is ready or the patience runs out, then offer its places.
+        """Prepare a worker, retrying until it is ready or the patience runs out; then offer it to waiting episodes.
 
         Raises:
             UsageError: The worker has a problem that only the operator can solve.

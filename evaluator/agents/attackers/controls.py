@@ -57,7 +57,10 @@ def wait(duration: float) -> list[Call]:
 
 
 def all_controls(opening: Opening, objects: Sequence[str]) -> list[Control]:
-    """Return every control in a unit that the question mentions, on the objects it names; otherwise on all objects."""
+    """Return the controls whose unit and object the question mentions.
+
+    If it mentions neither unit, both are used. If it names no object, the controls of all objects are returned.
+    """
     newton, newton_metre = unit("N"), unit("N*m")
     kinds = [("apply_force", opening.force, newton), ("apply_torque", opening.torque, newton_metre)]
     asked = [kind for kind in kinds if opening.asked(kind[2])]

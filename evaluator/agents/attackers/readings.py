@@ -67,7 +67,7 @@ class Opening:
         return []
 
     def named(self) -> list[str]:
-        """Return the objects that the last sentences of the task name."""
+        """Return the objects that are named in the last sentences of the task."""
         text = " ".join(self.sentences[-_LAST_SENTENCES:])
         return [object_id for object_id in self.objects if re.search(rf"\b{object_id}\b", text)]
 
@@ -106,7 +106,7 @@ def _listed(text: str, pattern: str) -> list[str]:
 
 
 def _limit(prompt: str, name: str, default: float) -> float:
-    """Return the number on the line of a limit; 0 if that line holds none; the default if there is no such line."""
+    """Return the value of a limit: 0 if its line contains no number, the default if the prompt has no such line."""
     line = re.search(rf"^- {name}: (.*)$", prompt, re.MULTILINE)
     if line is None:
         return default

@@ -125,10 +125,11 @@ def _sweep(opening: Opening) -> Attempt:
 def _sweep_control(
     opening: Opening, control: Control, survey: Survey, settings: int, duration: float
 ) -> Generator[list[Call], list[Reading], list[_Row]]:
-    """Return the readings at equally spaced settings up to the control's limit, with the sign of the question's value.
+    """Return the readings at equally spaced settings of a control, up to its limit.
 
-    Positions and angles are relative to the reading before the first setting; if the question states a duration, to
-    the reading before each setting.
+    The settings have the sign of the value that the question states for this control. Positions and angles are
+    relative to the reading before the first setting; if the question states a duration, to the reading before each
+    setting.
     """
     asked = opening.asked(control.unit)
     sign = -1.0 if asked and asked[-1] < 0 else 1.0
@@ -153,7 +154,7 @@ def _sweep_control(
 
 
 def _fitting(rows: Sequence[_Row], measure: Unit, duration: float, wanted: Unit) -> dict[str, list[float]]:
-    """Return the series of readings in the wanted unit; if there are none, the series of quotients with that unit.
+    """Return the series of readings in the wanted unit; if there are none, quotients of two series in this unit.
 
     Args:
         rows: Readings at each setting.
@@ -254,7 +255,7 @@ def _stated(opening: Opening, values: Sequence[float]) -> AnswerValue:
 
 
 def _within_limits(attempt: Callable[[Opening], Attempt]) -> Callable[[str], Protocol]:
-    """Wrap an attempt as a protocol that drops the calls beyond the scene's limits on calls and time."""
+    """Convert a strategy to a protocol that omits all calls beyond the scene's limits on calls and time."""
 
     def protocol(task: str) -> Protocol:
         opening = read_opening(task)

@@ -1,10 +1,10 @@
 """The HTTP application through which people play in a browser.
 
-It accepts requests only from this machine and its proxy.
+The application accepts requests only from this machine and from a proxy on it.
 
-Every path begins with a secret token, which identifies one person and keeps out everyone else. Each browser page
-identifies itself with a number, and only one page of a person can play at a time. Another page may take over; the first
-one then learns that it was replaced. Every refusal is a JSON object with one sentence.
+Every path begins with a secret token, which identifies one person. Each browser page identifies itself with a number,
+and only one page of a person can play at a time. If another page takes over, requests of the first page are refused.
+Every refusal is a JSON object with one sentence.
 """
 
 import hashlib

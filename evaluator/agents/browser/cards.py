@@ -1,4 +1,4 @@
-"""Content of the browser page besides the episode: the participant in a challenge, and how an episode ended."""
+"""Data that the browser page shows besides the episode: the participant of a challenge, and how an episode ended."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field

@@ -1,7 +1,7 @@
 """A person in a browser as an agent, with the same briefing, tools and budget as every other agent.
 
-`PageState` connects the agent to the page: the page reads the state and submits the person's turns. This module knows
-no HTTP.
+`PageState` connects the agent to the page: the page reads the state and submits the person's turns. This module does
+not use HTTP.
 """
 
 import time
@@ -169,7 +169,7 @@ class PageState:
         self._replied.set()
 
     def look(self, result: types.CallToolResult) -> None:
-        """Show the view that the result of a call contains, if any."""
+        """Show the view of the scene that is attached to the result of a call, if any."""
         view = view_in(result)
         if view is not None:
             self.view = view if self.view is None or self._turn_begins else joined(self.view, view)

@@ -84,8 +84,8 @@ class ExternalAgent:
     def calls_for(self, scene: int, budget: int) -> int:
         """Largest number of calls in an episode.
 
-        The operator's limit comes first, then the scene's limit plus one call for the answer, which the scene does not
-        count, then ten calls per iteration of the budget.
+        The operator's limit takes precedence. Without one, it is the scene's limit plus one call for the answer, which
+        the scene does not count. If the scene has no limit either, it is ten calls per iteration of the budget.
         """
         if self.max_calls is not None:
             return self.max_calls
@@ -151,7 +151,7 @@ class ExternalAgent:
 
 
 def calls_allowed(scene: int, scenes_dir: Path | None) -> int | None:
-    """The call limit that a scene states; None if it states none, or its pack is not in the folder."""
+    """The limit on calls that a scene states; None if it states none, or if `scenes_dir` does not contain its pack."""
     try:
         limits = read_public(find_pack(scene, scenes_dir)).limits
     except PackError:
@@ -166,7 +166,7 @@ async def _run(
     environment: Mapping[str, str],
     user: SystemUser | None,
 ) -> Ended:
-    """Run the command in folders of its own until it exits, times out, or can make no further call."""
+    """Run the command in temporary folders until it exits, times out, or can make no further call."""
 
     async def nothing_more_to_do() -> None:
         if await episode.until_end():

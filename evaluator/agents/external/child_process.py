@@ -1,6 +1,6 @@
 """Runs a command in its own process group, with a time limit and bounded capture of its output.
 
-This module knows nothing of MCP, agents or episodes.
+This module does not depend on MCP, agents or episodes.
 """
 
 import contextlib
@@ -119,7 +119,7 @@ async def run_child(
 async def _open(
     command: Sequence[str], cwd: Path, env: Mapping[str, str], user: SystemUser | None, *, reads: bool
 ) -> Process:
-    """Start the command in a process group of its own."""
+    """Start the command in a new process group."""
     return await anyio.open_process(
         list(command),
         stdin=PIPE if reads else DEVNULL,

@@ -65,7 +65,7 @@ class WatchedEpisode:
             return await opening_prompt(client, key, None)
 
     async def briefing(self, key: EpisodeKey, toolboxes: Toolboxes) -> Briefing:
-        """Return the briefing of an agent that plays in the loop: the prompt with its iteration budget, and the tools.
+        """Return the briefing of an agent in the evaluator's loop: the prompt with its iteration budget, and the tools.
 
         Args:
             key: Key of the episode, with its prompting, protocol and budget.

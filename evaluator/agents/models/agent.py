@@ -203,7 +203,7 @@ def _calls(response: ModelResponse) -> tuple[tuple[ToolCall, ...], str]:
 
 
 def _arguments(part: ToolCallPart) -> dict[str, Any]:
-    """Decode the arguments as the model wrote them."""
+    """Return the arguments of a call; they are parsed if the model wrote them as JSON text."""
     if isinstance(part.args, dict):
         return part.args
     arguments: Any = json.loads(part.args) if part.args else {}

@@ -1,4 +1,4 @@
-"""Parses JSON values in prose that a model wrote, and locates syntax errors. Knows nothing about calls.
+"""Parses JSON values in prose that a model wrote, and locates syntax errors.
 
 It accepts deviations from the standard that have only one possible meaning: comments, trailing commas, a missing comma
 between two objects or lists, single quotes, Python's True, False and None, and numbers such as `+1`, `.5` and `1.`. It

@@ -216,7 +216,7 @@ def _difference(episode: Episode, grade: Grade, expected: ExpectedForm) -> str:
 
 
 def _items(answer: JsonValue, expected: ExpectedForm) -> list[Item] | None:
-    """Split an answer into its parts; None if their number is not the expected one."""
+    """Split an answer into its parts; None if it has more or fewer parts than expected."""
     if expected.parts is None:
         item = as_item(answer)
         return None if item is None else [item]

@@ -132,7 +132,7 @@ def _returned_ids(episode: Episode, before: Place) -> set[str]:
 
 
 def _mistaken(episode: Episode, objects: Mapping[str, str]) -> Iterator[Evidence]:
-    """Yield the places where the reasoning writes an id with the name of another object."""
+    """Yield the passages in which the reasoning combines an id with the name of another object."""
     counts = Counter(name.lower() for name in objects.values())
     ids = {name.lower(): object_id for object_id, name in objects.items() if counts[name.lower()] == 1}
     for number, turn in enumerate(episode.turns):
@@ -213,7 +213,7 @@ def _the_object(place: Place) -> str:
 
 
 def _adopted_mass(episode: Episode, measured: Mapping[str, float]) -> Iterator[Evidence]:
-    """Yield the place where the answering turn prefers a measured mass to the mass in the task."""
+    """Yield the passage in which the answering turn prefers a measured mass to the mass in the task."""
     if not has_answered(episode) or not measured:
         return
     stated = [float(number.value * number.si_factor) for number in _masses_in(episode.prompt)]
