@@ -1,4 +1,4 @@
-"""Entry point of `physment-eval`. While the other modules load, which takes a second, a signal ends the process."""
+"""Entry point of `physment-eval`. During its imports, Ctrl-C ends the process at once, without a traceback."""
 
 import signal
 import sys

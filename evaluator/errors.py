@@ -36,15 +36,15 @@ class EvaluatorError(Exception):
 
 
 class UsageError(EvaluatorError):
-    """The operator asked for something impossible; one sentence."""
+    """The operator asked for something impossible. The message is one sentence."""
 
 
 class StoreError(EvaluatorError):
-    """A run folder cannot be read or written; one sentence."""
+    """A run folder cannot be read or written. The message is one sentence."""
 
 
 class AgentError(EvaluatorError):
-    """The agent cannot continue; one sentence.
+    """The agent cannot continue. The message is one sentence.
 
     Args:
         sentence: Error message.
@@ -70,7 +70,7 @@ class RefusedRequest(EvaluatorError):
 
 
 class InfrastructureError(EvaluatorError):
-    """The server or the connection to it failed; one sentence."""
+    """The server or the connection to it failed. The message is one sentence."""
 
 
 class ServerFull(InfrastructureError):

@@ -95,7 +95,7 @@ async def play(
 
 
 def episode_of_log(log: bytes, scene: int, *, seed: int = 0, max_calls: int, scenes_dir: Path | None = None) -> Episode:
-    """Build the episode of a program that connected by itself, from the call log of its episode server.
+    """Build the episode that an external program played, from the call log of its episode server.
 
     Args:
         log: The response of `GET /episodes/ID/calls`, with the calls of all pages.
@@ -130,7 +130,7 @@ def episode_of_log(log: bytes, scene: int, *, seed: int = 0, max_calls: int, sce
 
 
 def _versions(scene: int, scenes_dir: Path | None) -> Versions:
-    """Return the versions that determine the result of an episode, without that of MCP.
+    """Return the versions that determine the result of an episode; the version of MCP is left empty.
 
     Raises:
         UsageError: There is no such scene.
@@ -173,7 +173,7 @@ def reward(scene: int, seed: int, answer: JsonValue, scenes_dir: Path | None = N
 
 
 def _checked_seed(seed: object) -> int:
-    """Refuse a seed that no server opens, such as None or 1.5, for which a variant would be drawn nevertheless."""
+    """Return the seed as an int. Refuse other values, such as 1.5: they would draw a variant that no server opens."""
     # Integers of numpy are no instances of int.
     if isinstance(seed, bool) or not isinstance(seed, SupportsIndex) or operator.index(seed) < 0:
         raise UsageError(f"the seed must be an integer from 0 on, not {seed!r}")

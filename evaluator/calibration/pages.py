@@ -83,7 +83,7 @@ def _generalisability(found: Calibration) -> Iterator[Table]:
 
 
 def person_item_map(found: Calibration) -> str:
-    """Draw takers left and scenes right of a common scale in half logits, with the largest values at the top."""
+    """Draw a common scale in half logits, largest values on top, with takers on its left and scenes on its right."""
 
     def step(place: Standing) -> int:
         return round(2 * place.logits)

@@ -82,7 +82,7 @@ def counted_responses(counts: Mapping[tuple[str, int, int], tuple[int, int]]) ->
 
 
 def _takers(keys: Sequence[EpisodeKey]) -> list[str]:
-    """Name the taker of each episode: its agent, and those conditions that have several values."""
+    """Return the name of each episode's taker: its agent, and the conditions that differ between episodes."""
     names = [name for name in ("budget", "prompting", "protocol") if len({str(getattr(key, name)) for key in keys}) > 1]
     parts = [[f"{'budget ' if name == 'budget' else ''}{getattr(key, name)}" for name in names] for key in keys]
     return [f"{key.agent} ({', '.join(more)})" if more else key.agent for key, more in zip(keys, parts, strict=True)]

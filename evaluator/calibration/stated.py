@@ -1,4 +1,4 @@
-"""The shipped difficulties in words, for lists and pages of scenes."""
+"""Describes the calibrated difficulties of scenes in words, for lists and pages of scenes."""
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
@@ -27,7 +27,7 @@ class StatedDifficulty:
 
     @property
     def word(self) -> str:
-        """Compare with the average scene, which may be as hard if it is within 1.96 standard errors."""
+        """Difficulty relative to the average scene; `average or …` if the difference is below 1.96 standard errors."""
         side = "harder" if self.logits > 0 else "easier"
         if abs(self.logits) < QUANTILE * self.se:
             return f"average or {side}"
@@ -40,7 +40,7 @@ class StatedDifficulty:
 
     @property
     def sentence(self) -> str:
-        """The sentence that a documentation page states about it."""
+        """Sentences about the difficulty, for a documentation page."""
         than = "" if self.word.startswith("average") else " than the average scene"
         return (
             f"{self.figure} logits, {self.word}{than}. This rests on {self.answers} answers ({self.right} right) of"

@@ -58,7 +58,7 @@ async def film_of(episode: Episode, opens: Opens, record_sha256: str, *, reveale
 
 
 def _changes(episode: Episode, drawings: Sequence[Mapping[str, Any]]) -> Iterator[tuple[int, Mapping[str, Reading]]]:
-    """Yield the number of each call that changes the last read position of an undrawn object, with all positions."""
+    """Yield each call that changes the last position readings of undrawn objects: its number, and these readings."""
     always = set[str].intersection(*({body["id"] for body in drawing["bodies"]} for drawing in drawings))
     read: Mapping[str, Reading] = {}
     exchanges = (exchange for turn in episode.turns for exchange in turn.exchanges)
@@ -101,7 +101,7 @@ class _Camera:
         self.looks.append(len(self.instants) - 1)
 
     def see(self, view: Mapping[str, Any] | None) -> None:
-        """Add the instants of a view and of the motion before it."""
+        """Add the instants of a view: those of the motion that it contains, then its present state."""
         if view is None:
             return
         self._kept = len(self.instants)

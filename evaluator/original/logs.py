@@ -1,4 +1,4 @@
-"""Parses the published logs, and converts them to episode records. Knows no server and no verdicts.
+"""Parses the published logs, and converts them to episode records. Independent of servers and verdicts.
 
 The turns are encoded in UTF-8, but the final block in a Windows code page. A log without a final block belongs to an
 episode that crashed.

@@ -44,7 +44,7 @@ def scene_page(
         certificate: Its certificate; None if the pack was changed since, or never certified.
         engine: Version of MuJoCo for which the certificate holds.
         example: Whether the page of worked examples shows a run of it.
-        difficulty: What its calibrated difficulty is; empty if it has none.
+        difficulty: Sentences about its calibrated difficulty; empty if it has none.
     """
     number, name = listing.scene, escaped(listing.name)
     picture = f'<img src="scene{number}.png" width="800" alt="Scene {number} at its start">' if pictured else ""

@@ -176,7 +176,7 @@ def write_pages(
     Args:
         packs: The scenes.
         out: Folder of the documentation.
-        difficulties: Scene → what its calibrated difficulty is, for those that have one.
+        difficulties: Scene → sentences about its calibrated difficulty, for scenes that have one.
         pictures: Whether to draw pictures.
         jobs: Number of processes that draw.
         on_done: Called with a short text when a part is ready.

@@ -1,4 +1,4 @@
-"""Evaluates tokenised arithmetic that prose states. Knows neither the text nor its units."""
+"""Evaluates arithmetic that was found in prose, from its tokens. Independent of the text and of unit names."""
 
 import math
 from collections.abc import Callable, Mapping, Sequence

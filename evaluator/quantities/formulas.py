@@ -224,9 +224,10 @@ def _is_symbolic(side: Sequence[Token]) -> bool:
 
 
 def _coefficients(sides: Sequence[Sequence[Token]]) -> set[int]:
-    """Return the positions of the numbers of a chain that are not measurements.
+    """Return the positions of the exponents and coefficients in a chain of sides; these are not measurements.
 
-    These are exponents; whole numbers up to 12 and 0.5 on a symbolic side; and the same values on its arithmetic sides.
+    Only 0.5 and whole numbers up to 12 are coefficients: before a constant; on a symbolic side; and, if a symbolic side
+    contains the same value, on an arithmetic side.
     """
     found = set[int]()
     for token, after in (pair for side in sides for pair in pairwise(side)):
@@ -260,7 +261,7 @@ def _may_be_coefficient(token: Token) -> bool:
 
 
 def _statements(sides: Sequence[Sequence[Token]], coefficients: Collection[int]) -> Iterator[Statement]:
-    """Yield each side that is a single number, with the last arithmetic before it."""
+    """Yield each side that is a single number, with the last arithmetic side before it."""
     arithmetic: Sequence[Token] = ()
     for side in sides:
         numbers = [token for token in side if token.kind is TokenKind.NUMBER]

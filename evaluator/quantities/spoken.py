@@ -1,4 +1,4 @@
-"""Finds the numbers that prose states, with unit and precision. Knows no tools, records or verdicts."""
+"""Finds the numbers that prose states, with unit and precision. Independent of tools, records and verdicts."""
 
 import re
 from collections.abc import Iterator

@@ -1,4 +1,4 @@
-"""Parses units of mechanics as people write them, and converts between them. Knows no answers and no tools.
+"""Parses units of mechanics as people write them, and converts between them. Independent of answers and tools.
 
 General unit libraries are not used, because they would make wrong answers right: they treat the radian as 1 and convert
 `3 Hz` to `3 rad/s` without warning, and their prefixes turn ordinary words into units (`cat` becomes a

@@ -1,4 +1,4 @@
-"""Records of how well the experiments of an episode determine its answer. Knows no files and no engine."""
+"""Records of how well the experiments of an episode determine its answer. Independent of files and the engine."""
 
 from collections.abc import Iterable
 from enum import StrEnum
@@ -41,17 +41,18 @@ class CallEvidence(Record):
     def worst_bound(self) -> float:
         """Return the largest bound, which is at most `SUFFICIENT` if and only if the evidence suffices [tolerances].
 
-        A choice, and discrete values that are not excluded, count as the bound of a number that would be right with the
-        same probability. If k other values are not excluded, that probability is 1 / (1 + k).
+        The probability of the right choice counts as an equivalent bound, as the function `worst_bound` describes. So
+        does the probability 1 / (1 + k) if the readings do not exclude k other discrete values.
         """
         chances = [] if self.choice is None else [self.choice]
         return worst_bound(self.bounds, [*chances, 1 / (1 + self.rivals)])
 
 
 def worst_bound(bounds: Iterable[float], chances: Iterable[float]) -> float:
-    """The largest of several bounds and of the bounds that correspond to probabilities of being right [tolerances].
+    """Return the largest error bound, where each probability of a right choice counts as a bound [tolerances].
 
-    A probability of `CERTAIN` corresponds to `SUFFICIENT`, in proportion to quantiles of the normal distribution.
+    A probability p counts as the bound SUFFICIENT · q(CERTAIN) / q(p). There q(p) is the half width of the interval
+    that contains a standard normal variable with probability p.
     """
     certain = _quantile(CERTAIN)
     found = [SUFFICIENT * certain / _quantile(chance) for chance in chances if chance < 1]
@@ -64,11 +65,11 @@ def _quantile(chance: float) -> float:
 
 
 class Rival(Record):
-    """A structure, or a value of a discrete constant, that differs from the drawn one and gives another answer."""
+    """A structure, or a value of a discrete constant, that is not the true one and gives a different answer."""
 
     name: str
     chi_square: float
-    """Chi-square of its fit to all readings, minus that of the drawn one."""
+    """Chi-square of its fit to all readings, minus that of the true one."""
     excluded: bool
     """Whether the readings exclude it at four standard deviations."""
 
@@ -98,13 +99,13 @@ class EvidenceRecord(Record):
     def sufficed_at(self) -> int | None:
         """Return the number of the call after which the evidence sufficed; None if it never did.
 
-        Rivals from the pack's own fits count only after the last call, because they are fitted to all readings.
+        `rivals` are fitted to all readings, so whether they are excluded is known only after the last call.
         """
         return next((step.call for step in self.calls if step.suffices), None) if self.suffices else None
 
     @property
     def worst_bound(self) -> float | None:
-        """The largest bound in the end, fitted structures included; None without a reading [tolerances]."""
+        """The largest bound after the last call, `rivals` included; None if nothing was read [tolerances]."""
         if not self.calls:
             return None
         possible = sum(not rival.excluded for rival in self.rivals)

@@ -90,7 +90,7 @@ class Plan(OpenRecord):
 class SeedProofs(OpenRecord):
     """Results of the checks of seeds that no certificate covers.
 
-    Worlds are omitted, because theirs do not depend on the seed.
+    Generated worlds are omitted, because the result of their checks does not depend on the seed.
     """
 
     proved: dict[str, tuple[int, ...]] = Field(default_factory=dict[str, tuple[int, ...]], exclude_if=is_absent)

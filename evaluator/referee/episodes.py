@@ -1,6 +1,6 @@
 """The episodes of a referee: opened on an episode server, read back from its call log, and graded once.
 
-This module knows servers, answer keys and records, but no HTTP endpoints of its own.
+This module uses servers, answer keys and records; `evaluator.referee.requests` provides the HTTP endpoints.
 """
 
 import contextlib
@@ -141,7 +141,7 @@ class Referee:
         """Return the variant to open, with the key under which its episode is recorded.
 
         Raises:
-            RefusedRequest: There is no such variant, it cannot be proved, or it has no answer key.
+            RefusedRequest: There is no such variant, its seed fails the checks, or it has no answer key.
         """
         variant = await self._in_thread(functools.partial(self.variants.select, wanted, curriculum))
         if self.prover is not None:
@@ -169,7 +169,7 @@ class Referee:
         """Reserve capacity within `max_episodes` while episodes are being opened.
 
         Raises:
-            RefusedRequest: Too few places are free here or on the server.
+            RefusedRequest: The limit of open episodes, here or on the server, would be exceeded.
         """
         if self.open_episodes + count > self.max_episodes:
             raise RefusedRequest(
@@ -188,7 +188,7 @@ class Referee:
     async def _open_one(
         self, variant: Variant, key: EpisodeKey, max_calls: int, briefing: Briefing | None
     ) -> tuple[_Watched, Briefing]:
-        """Open an episode on the server; `briefing` is that of another episode of the variant, if there is one."""
+        """Open an episode on the server; `briefing` is reused from another episode of the variant, if given."""
         started_at = datetime.now(UTC).isoformat(timespec="milliseconds")
         async with AsyncExitStack() as stack:
             watched = await stack.enter_async_context(

@@ -18,7 +18,7 @@ class Recording:
     """Number of records per combination of scene, seed, budget and prompting. It gives the epoch of the next record."""
 
     def numbered(self, key: EpisodeKey) -> EpisodeKey:
-        """Return the key to record. The epoch is reserved at once, so that two episodes graded together differ."""
+        """Return the key to record, with an epoch that no other episode gets, even if two are graded concurrently."""
         cell = key.scene, key.seed, key.budget, key.prompting
         self._played[cell] += 1
         return key.model_copy(update={"epoch": self._played[cell]})
@@ -28,7 +28,7 @@ class Recording:
 
         Args:
             record: The record from the start of the referee.
-            prover: Checked the seeds; None if no seed was checked.
+            prover: The object that checked the seeds; None if no seed was checked.
         """
         cells, splits = sorted(self._played), self.splits
         plan = record.plan.model_copy(

@@ -3,7 +3,7 @@
 `POST /episodes {"scene": 7, "seed": 3}` opens an episode, `POST /episodes/ID/reward` grades it, `DELETE /episodes/ID`
 closes it, `POST /checks {"scene": 7, "seed": 3}` plays the reference protocol, `GET /variants?split=train` lists what a
 split offers, `GET` and `DELETE /curricula/NAME` show and reset a curriculum, and `GET /metrics` is for Prometheus.
-Every refusal is a JSON object with one sentence. This module knows HTTP but no answer keys.
+Every refusal is a JSON object with one sentence. This module handles HTTP and reads no answer keys.
 """
 
 import contextlib
@@ -70,7 +70,7 @@ def app(referee: Referee, token: str | None = None) -> Starlette:
 
 
 class _PageGate:
-    """Middleware that refuses requests of web pages, because a referee without a token accepts all other requests."""
+    """Middleware of a referee without a token: it refuses requests from web pages and from other machines."""
 
     def __init__(self, app: ASGIApp) -> None:
         self._app = app
@@ -112,7 +112,7 @@ class _Answers:
             await self._referee.sweep()
 
     def answered(self, answer: Callable[[Request], Awaitable[Response]]) -> Callable[[Request], Awaitable[Response]]:
-        """Wrap a request handler so that each of our exceptions becomes a response with one sentence."""
+        """Wrap a request handler: convert exceptions of the evaluator to responses with one sentence."""
 
         async def endpoint(request: Request) -> Response:
             try:

@@ -1,4 +1,4 @@
-"""Selects the variants that requests name: scenes with seeds, indexes in splits, or worlds; and finds their proofs."""
+"""Selects the variant that a request names by scene and seed, index in a split, or world, and checks its seed."""
 
 import hashlib
 import secrets
@@ -25,9 +25,9 @@ def variant_of(wanted: WantedEpisode, *, held_back: bool, folder: Path | None = 
     """Return the variant that a request selects.
 
     A split with N scenes is numbered by `index`: scene number `index % N` in ascending order, at seed number
-    `index // N`. The first N places are therefore all scenes at the first seed. A `random_seed` selects uniformly among
-    all places, or among those of `scene` if the request names one. Worlds are numbered in the same way; a request for
-    a world without `index` and `random_seed` gets a random one.
+    `index // N`. The first N indexes are therefore all scenes at the first seed. A `random_seed` selects uniformly
+    among all indexes, or among those of `scene` if the request names one. Worlds are numbered in the same way; a
+    request for a world without `index` and `random_seed` gets a random one.
 
     Args:
         wanted: The request.
@@ -60,7 +60,7 @@ def variant_of(wanted: WantedEpisode, *, held_back: bool, folder: Path | None = 
 
 
 def next_variant(variant: Variant) -> Variant:
-    """Return the variant at the scene's next seed in the split of a variant that has a place in one.
+    """Return the variant of the same scene at the next seed of its split. The variant must have an index in one.
 
     Raises:
         RefusedRequest: It was the last seed of the split.

@@ -1,4 +1,4 @@
-"""Shaping rewards: how much each call lowers the Cramér-Rao bound of the answer. Knows no HTTP and no server."""
+"""Shaping rewards: how much each call lowers the Cramér-Rao bound of the answer. Independent of HTTP and servers."""
 
 import math
 from itertools import pairwise

@@ -118,7 +118,7 @@ def ability_of(chosen: Sequence[tuple[int, int, Choice, bool]]) -> Ability:
 def information(difficulties: Sequence[SceneDifficulty], answers: Sequence[int], ability: float) -> Array:
     """Return the Fisher information about an ability that one more answer in each scene gives [1/logit²].
 
-    The error of a scene's difficulty is shared by its answers, so that each further one gives less.
+    All answers in a scene share the error of its difficulty, so each further answer gives less information.
 
     Args:
         difficulties: The difficulty of each scene.

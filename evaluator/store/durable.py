@@ -1,4 +1,4 @@
-"""Durable files: atomic replacement, and appended lines that are synchronised to disk. Knows no records."""
+"""Durable files: atomic replacement, and appended lines that are synchronised to disk. Independent of records."""
 
 import contextlib
 import os

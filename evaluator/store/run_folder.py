@@ -168,7 +168,7 @@ class RunFolder:
         return {Episode.model_validate_json(line).key: hashlib.sha256(line).hexdigest() for line in lines}
 
     def keep_episodes(self, is_kept: Callable[[EpisodeKey], bool]) -> int:
-        """Delete the records of all other episodes, and return how many lines were deleted.
+        """Delete the records of all episodes for which `is_kept` is false; return how many lines were deleted.
 
         Raises:
             StoreError: A record is damaged, or the file cannot be written.

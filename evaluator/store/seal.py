@@ -37,7 +37,7 @@ class Seal(Record):
         return self.model_copy(update={"lines": self.lines + 1, "head": head})
 
     def problem(self, lines: Iterable[bytes]) -> str:
-        """Explain in a clause why lines do not match the seal; empty if they do. More lines may follow."""
+        """Return, as a clause, why lines do not match the seal; empty if they do. Further lines may follow them."""
         found = Seal()
         for line in lines:
             if found.lines == self.lines:

@@ -148,7 +148,7 @@ def _running(run: FollowedRun, now: datetime) -> Iterator[dict[str, Any]]:
 def _course(episodes: Sequence[FollowedEpisode]) -> list[dict[str, Any]]:
     """Return the accuracy so far of each agent after each of its episodes, against the time since the first end [s].
 
-    Of many episodes, `POINTS` evenly spaced ones are kept, the last among them. Open worlds are left out.
+    If there are more than `POINTS` episodes, evenly spaced ones and the last one are returned. Open worlds are omitted.
     """
     scored = [one for one in episodes if one.verdict in {Verdict.CORRECT, Verdict.INCORRECT} and not one.is_open]
     scored.sort(key=_ended_at)

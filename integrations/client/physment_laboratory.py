@@ -134,5 +134,5 @@ class Laboratory:
             self._connection.sock.settimeout(READ_S)
 
     def close(self) -> None:
-        """Close the connection; the episode stays as it is."""
+        """Close the connection. This does not end the episode."""
         self._connection.close()

@@ -110,7 +110,7 @@ class Referee:
             scene: Id of the scene.
             seed: Variant of the scene; 0 if neither it nor a split is named.
             options: `split` with `index` or `random_seed` instead of a seed; `world` instead of a scene, such as
-                `{"level": 5}`; `curriculum` with a split or a world, to draw from the window of that name; `budget`,
+                `{"level": 5}`; `curriculum`, a name, with a split or a world, to draw from its window; `budget`,
                 `max_calls` and `prompting`, if other than the referee's defaults. None stands for the default.
 
         Raises:
@@ -251,13 +251,13 @@ def read_variants(
 
     Args:
         scenes: Ids and ranges such as `7,21-30`.
-        seeds: Seeds and ranges (by default 1); all scenes come with the first seed before the second.
+        seeds: Seeds and ranges (by default 1); all scenes are listed with the first seed before the second.
         file: A file with a line of JSON for each variant, such as `{"scene": 7, "seed": 3}`; other arguments are then
             ignored.
         split: Name of a split; its variants are selected by `indices` or `random_seeds`, or by scenes and seeds.
         levels: Levels of generated worlds, such as `1-3`, instead of scenes; with a split, only its worlds.
         indices: Indices in the split or among the worlds of each level, such as `0-99`.
-        random_seeds: Each draws such an index; with `scenes`, one of each scene.
+        random_seeds: Each draws one such index; with `scenes`, one index for each scene.
         curriculum: Name of a curriculum on the split or on the worlds of one level or of all (`levels` empty). It draws
             a variant for each of the `random_seeds` from its present window.
 

@@ -60,7 +60,11 @@ async def rehearse(laboratory: EpisodeConnector, scene: int, seed: int, scenes_d
 
 
 def _most_calls(solution: int, scene: int, scenes_dir: Path | None) -> int:
-    """Return the scene's call limit plus one for the answer; without a limit, the solution's calls in hundreds."""
+    """Return the limit on calls of a task.
+
+    It is the scene's limit plus one for the answer. For a scene without a limit it is the solution's number of calls,
+    rounded up to hundreds, but at least `_CALLS`.
+    """
     limits = read_public(find_pack(scene, scenes_dir)).limits
     if limits is not None and limits.calls is not None:
         return limits.calls + 1

@@ -131,7 +131,7 @@ def experimenter(server: str) -> Solver:
 
 @dataclass(slots=True)
 class _InspectAgent:
-    """The model of Inspect as an agent. The sample keeps the conversation."""
+    """The model of Inspect as an agent. The conversation is stored in the sample."""
 
     model: Model
     state: TaskState

@@ -129,7 +129,7 @@ class PhysmentEnvironment(Environment[PhysmentAction, PhysmentObservation, Physm
         )
 
     def close(self) -> None:
-        """Close the connection and the episode. Without a reward so far, the episode gets none."""
+        """Close the connection and the episode. An episode that is closed before its end gets no reward."""
         if self._laboratory is not None:
             self._laboratory.close()
         if self._opened is not None:
