@@ -16,7 +16,7 @@ from website.pages import names, write_pages
 
 @pytest.mark.parametrize("folder", ["website"])
 def test_a_folder_beside_the_packages_needs_nothing_but_the_standard_library(folder: str) -> None:
-    """The scripts in the folder run before anything is installed, so the laboratory cannot be imported."""
+    """The modules of `website` run before any package is installed, so they import only the standard library."""
     imported = {
         name.partition(".")[0]
         for path in (ROOT / folder).glob("*.py")

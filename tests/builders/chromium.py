@@ -95,7 +95,7 @@ class Page:
     def wait(self, condition: str) -> None:
         """Wait until a JavaScript expression is true, also in a page that loads in the meantime.
 
-        A busy machine may need long; only an expression that stays false for `_NEVER_S` fails.
+        The wait fails only after `_NEVER_S` seconds, because a busy machine may be slow.
         """
         ends = time.monotonic() + _NEVER_S
         while time.monotonic() < ends:

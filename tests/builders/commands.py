@@ -1,4 +1,4 @@
-"""Runs `physment-eval` in this process, which saves a second of imports per command; restores signals for others."""
+"""Runs commands of `physment-eval` in this process, which saves a second of imports each; resets signal handlers."""
 
 import contextlib
 import io

@@ -1,4 +1,4 @@
-"""Answer keys, and a combined verdict of strict and normalised grading."""
+"""Builds answer keys, and combines strict and normalised grading of an answer into one verdict."""
 
 from pydantic import JsonValue
 

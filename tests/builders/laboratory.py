@@ -112,7 +112,7 @@ class Lab:
         return self.client.server_info
 
     def state(self) -> tuple[Any, ...]:
-        """Everything that a refused call must not change."""
+        """Return a fingerprint of everything that a refused call must not change."""
         return fingerprint(self.session)
 
 

@@ -41,7 +41,7 @@ class Computed:
 
 @dataclass
 class Bare:
-    """A scripted response below the level of replies, such as a broken connection."""
+    """A scripted HTTP response that is not a reply of a model, such as a broken connection."""
 
     serve: Callable[[Scope, Receive, Send], Awaitable[None]]
 

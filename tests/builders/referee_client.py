@@ -1,4 +1,4 @@
-"""Loads the modules that integrations share from their files, because they are installed only in other environments."""
+"""Imports the modules of `integrations/client` by file path, because they are not installed in this environment."""
 
 import functools
 import importlib.util

@@ -120,7 +120,7 @@ def measured(record: WorldRecord, certificate: Certificate, reference: str, seco
 
 
 def table(lines: Iterable[Mapping[str, Any]]) -> str:
-    """Tabulate by level and reference how many worlds have all answers right, and how well `full` knows its errors."""
+    """Tabulate in how many worlds all answers are right, by level and reference; for `full` also interval coverage."""
     cells: dict[int, dict[str, list[Mapping[str, Any]]]] = defaultdict(lambda: defaultdict(list))
     for line in lines:
         cells[line["level"]][line["reference"]].append(line)

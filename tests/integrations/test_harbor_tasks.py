@@ -1,4 +1,4 @@
-"""Tests of Harbor task folders: their scripts run as in their containers, and the agent's access is tried."""
+"""Tests of Harbor task folders: their scripts run as in containers; the agent has access to its episode only."""
 
 import contextlib
 import json

@@ -1,4 +1,4 @@
-"""Tests of laws of models as statements: what they keep, what they leave out, and which models have none."""
+"""Tests of the statement of a model's laws: its content, the laws that it omits, and models that have no statement."""
 
 import importlib.util
 import json

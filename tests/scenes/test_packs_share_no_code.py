@@ -20,7 +20,7 @@ FUNCTIONS_STILL_SHARED: set[tuple[int, int]] = set()
 
 
 def _meaningful(source: str) -> Counter[str]:
-    """Return a solution's lines without imports, docstrings, comments, required names, and short lines."""
+    """Return the lines of a solution, without imports, docstrings, comments, short lines and required signatures."""
     left_out = set[int]()
     for node in ast.walk(ast.parse(source)):
         text = isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant) and isinstance(node.value.value, str)
@@ -33,7 +33,7 @@ def _meaningful(source: str) -> Counter[str]:
 
 
 def _functions(source: str) -> set[str]:
-    """Each function as its arguments and its body, without docstring."""
+    """Return the source of each longer function: its arguments and its body, without its name and docstring."""
     found = set[str]()
     for node in ast.walk(ast.parse(source)):
         if isinstance(node, ast.FunctionDef):

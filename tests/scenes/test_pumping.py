@@ -27,7 +27,7 @@ KNOWN = np.array([[MASS], [STIFFNESS]])
 
 
 def _followed(calls: list[Call], state: tuple[float, float], stiffness: float = STIFFNESS) -> Array:
-    """Return positions and speeds of a body on a spring after each look, in closed form; shape (looks, 2)."""
+    """Return positions and speeds of a body on a spring at each reading, in closed form; shape (readings, 2)."""
     (x, v), rest, turn, path = state, 0.0, (stiffness / MASS) ** 0.5, list[tuple[float, float]]()
     for asked in calls:
         if asked.tool == "apply_force":

@@ -1,4 +1,4 @@
-"""Tests of stepwise loading of a body in oil: forces, rows at rest, fitted strengths, late supports."""
+"""Tests of pushing a body in oil stepwise: forces, readings at rest, fitted constants, parts that engage late."""
 
 from typing import Any
 

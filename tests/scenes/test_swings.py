@@ -1,4 +1,4 @@
-"""Tests of driving swings: touches, fits by legs, planned pushes within a reach, and a closed-form prediction."""
+"""Tests of driving a swing: first small pushes, fits to each leg, planned pushes that keep the swing within reach."""
 
 from typing import Any
 

@@ -17,7 +17,7 @@ RIG = Rig([force("object_1", 0)], [position("object_1", 0), velocity("object_1",
 
 
 def _fit(chi_square: float, constants: list[float], free: list[int]) -> Refit:
-    """Return a fit whose two points do not depend on its constants."""
+    """Return a fit with given constants and chi-square to two points; its residuals are always 0."""
     size = len(free)
     return Refit(chi_square, np.array(constants), free, lambda _: np.zeros(2), np.ones(size), np.full(size, 10.0))
 

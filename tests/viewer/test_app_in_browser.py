@@ -1,5 +1,6 @@
-"""Tests of the chat app in headless Chromium, in a page that hosts it by the official bridge: visible, playing,
-isolated.
+"""Tests of the chat app in headless Chromium, in a page that embeds it by the official bridge.
+
+The app shows the scene, plays a step, and makes no requests.
 """
 
 import json

@@ -33,7 +33,7 @@ WITHOUT_UNIT = {"m g z", "x, y, z", "w, x, y, z", "rad", "red, green, blue, opac
 
 
 def described_fields() -> list[tuple[str, str, str]]:
-    """Return tool, argument or field, and description of everything in the contract whose description has brackets."""
+    """Return each argument and result field whose description states a unit in brackets: tool, name, description."""
     return [
         (tool["name"], name, part["description"])
         for tool in TOOLS

@@ -1,4 +1,4 @@
-"""Fixtures of the certificates' tests: laboratories in memory, an author of faulty scenes, a played template."""
+"""Fixtures for tests of certificates: laboratories in memory, a builder of faulty scenes, episodes of a template."""
 
 from pathlib import Path
 
@@ -14,13 +14,13 @@ from tests.builders.author import TEMPLATE_SEEDS, Author
 
 @pytest.fixture
 def author(tmp_path: Path) -> Author:
-    """An author of scenes in a new folder."""
+    """A builder of scenes with deliberate faults, in a new folder."""
     return Author(tmp_path)
 
 
 @pytest.fixture(scope="session")
 def episodes(tmp_path_factory: pytest.TempPathFactory) -> list[Episode]:
-    """The reference agent's episodes in the template of Hard scenes."""
+    """The reference agent's episodes in a scene made from the template of Hard scenes."""
     files = Author(tmp_path_factory.mktemp("scenes")).write(Category.HARD_SINGLE)
     subject, laboratory = Subject.open(files), MemoryConnector(files.folder.parent)
 

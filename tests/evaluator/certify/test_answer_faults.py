@@ -25,12 +25,12 @@ OBSERVATIONS = (15, 57, 70)
 
 @pytest.fixture
 def files(author: Author) -> PackFiles:
-    """The template, which asks for the mass of a cart in kg."""
+    """A scene made from the template of Easy scenes, which asks for the mass of a cart in kg."""
     return author.write(Category.EASY_SINGLE)
 
 
 def asking(author: Author, files: PackFiles, task: str, answer: Any, **spec: Any) -> list[str]:
-    """Return lint's faults of the template with another question, key and answer form."""
+    """Return the faults that lint finds in the scene with this question, key and answer form."""
     author.edit(files, lambda pack: pack["metadata"].update(task=task))
     author.edit(files, lambda pack: pack.update(answer=answer, answer_spec=spec))
     return lint(files)

@@ -1,4 +1,4 @@
-"""Tests of which stored certificates are valid: of sound, unchanged packs, by the same engine, on as many seeds."""
+"""Tests that a stored certificate is valid only for a sound, unchanged pack, on the same engine and enough seeds."""
 
 import json
 from importlib.metadata import version

@@ -37,7 +37,7 @@ def packs(tmp_path: Path) -> Path:
 
 
 def publish(packs: Path, effect: str, scene: int = 7) -> None:
-    """Add a known fault of the pack of a scene, as it is in the suite."""
+    """Add a known fault to the errata of a folder; it refers to the suite's version of the pack of a scene."""
     entry = {
         "scene": scene,
         "pack": pack_hash(find_pack(scene)),

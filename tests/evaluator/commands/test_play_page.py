@@ -253,7 +253,7 @@ def experiment_with(page: Page) -> None:
 
 
 def reached_by_tab(page: Page) -> set[str]:
-    """What the keyboard reaches from the top of the page: ids, else names of fields, else classes."""
+    """Return the elements that the Tab key reaches, each by its id, or else its name, or else its class."""
     reached: set[str] = set()
     page.run("document.activeElement.blur()")
     for _ in range(40):

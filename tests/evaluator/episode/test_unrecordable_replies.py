@@ -1,4 +1,4 @@
-"""Tests that replies that no record can hold count as malformed: they use an iteration and do not harm the run."""
+"""Tests that replies that cannot be recorded count as malformed: they use an iteration and do not harm the run."""
 
 from pathlib import Path
 from typing import Any

@@ -1,4 +1,4 @@
-"""Tests that every form of `run.json` ever written is read and written again unchanged, and of accepted calls."""
+"""Tests of records: each released form of `run.json` is read and written unchanged; accepted calls of an episode."""
 
 import json
 from typing import Any

@@ -1,4 +1,4 @@
-"""Tests of a referee's groups of episodes of one variant, of its facts about scenes, and of its counters."""
+"""Tests of a referee's groups of episodes of one variant, its lists of scenes with their properties, its counters."""
 
 import json
 import re

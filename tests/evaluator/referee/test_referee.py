@@ -73,7 +73,7 @@ async def refereeing(host_url: str, *, token: str | None = None, **options: Any)
 
 
 async def played_by_reference(opened: dict[str, Any], scene: int, seed: int) -> Episode:
-    """Play a referee's episode with the reference agent in the loop, by its address and token."""
+    """Let the reference agent play an episode that a referee opened, by its address and player token."""
     headers = {"Authorization": f"Bearer {opened['player_token']}"}
     key = episode_key(scene, seed=seed, agent="reference", budget=opened["budget"])
     async with httpx2.AsyncClient(headers=headers) as http, mcp_client(opened["mcp_url"], http) as client:

@@ -12,7 +12,7 @@ from tests.builders.chromium import Page
 
 @pytest.fixture(scope="module")
 def submission(tmp_path_factory: pytest.TempPathFactory, host_url: str) -> dict[str, Any]:
-    """The submission of a run of two agents, as its file holds it."""
+    """The content of `submission.json` for a run of two agents."""
     folder = tmp_path_factory.mktemp("board") / "run"
     agents = ["--agent", "reference", "--agent", "blind"]
     assert main(["run", *agents, "--scenes", "7,8", "--server", host_url, "--out", str(folder)]) == 0

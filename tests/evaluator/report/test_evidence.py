@@ -1,4 +1,4 @@
-"""Tests of evidence in a report: verdicts, planes and curves for measured episodes only."""
+"""Tests of evidence in a report: counts of verdicts, scatter plots and curves, for measured episodes only."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -28,7 +28,7 @@ def measured(row: ScoredEpisode, *bounds: float, rivals: int = 0) -> ScoredEpiso
 
 @pytest.fixture(scope="module")
 def run() -> Run:
-    """A model with each verdict once, one episode that cannot be measured, and the reference."""
+    """A run of a model with each verdict of the evidence once and one unmeasurable episode, and of the reference."""
     model = [played(scene, "model:x", 20, right=scene % 2 == 0) for scene in range(7, 12)]
     unmeasurable = EvidenceRecord(key=model[4].key, episode="0", not_measurable="a formula")
     rows = [

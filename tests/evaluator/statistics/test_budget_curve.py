@@ -10,7 +10,10 @@ BUDGETS = (5, 10, 15, 20)
 
 
 def curve_of(*chances: float, scenes: int = 105, seeds: int = 1, seed: int = 1) -> BudgetCurve:
-    """Return the curve of a simulated run; an episode is right if difficulty plus luck is below the given chance."""
+    """Return the curve of a simulated run.
+
+    An episode is right if a weighted sum of the scene's difficulty and a random number is below the budget's chance.
+    """
     rng = np.random.default_rng(seed)
     difficulty = rng.random(scenes)
     cells = [

@@ -97,7 +97,7 @@ async def test_no_more_episodes_are_open_than_the_concurrency_and_each_is_played
 
 async def test_as_many_episodes_are_open_as_the_concurrency_allows(folder: RunFolder) -> None:
     class Waiting:
-        """An agent that answers only when three of its kind are playing."""
+        """An agent that answers only when it plays three episodes at the same time."""
 
         name = "x"
 

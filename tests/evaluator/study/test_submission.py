@@ -129,7 +129,7 @@ def test_another_folder_is_refused(
 
 
 def test_a_forged_answer_is_found_by_the_replay(folder: RunFolder, check: Callable[..., tuple[int, str]]) -> None:
-    """A forger who seals, grades and submits again must also forge the results of the laboratory."""
+    """The run is sealed, graded and submitted again after the change, so only the replay can detect it."""
     rewrite(folder, lambda episode: episode.model_copy(update={"answer": 7.8, "prompt": episode.prompt}))
     code, sentence = check()
     assert (code, "answer: recorded 7.8" in sentence) == (1, True), sentence
@@ -151,7 +151,7 @@ def test_a_forged_reading_is_found_by_the_replay(folder: RunFolder, check: Calla
 def test_a_sealed_forgery_that_fits_the_laboratory_passes_and_the_help_says_so(
     folder: RunFolder, check: Callable[..., tuple[int, str]], capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """The forged answer was given by no agent, but the laboratory would have accepted it."""
+    """No agent gave the forged answer, but the recorded result is what the laboratory would return for it."""
 
     def forge(episode: Episode) -> Episode:
         content, given = json.loads(episode.model_dump_json()), json.dumps(episode.answer)

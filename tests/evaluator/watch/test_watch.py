@@ -1,4 +1,4 @@
-"""Tests of watching a run while it is written: each line is read once, nothing is changed, loopback only."""
+"""Tests of `watch` on a run that is being written: it reads each line once, changes no file, serves loopback only."""
 
 import json
 import signal

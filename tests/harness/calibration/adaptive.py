@@ -81,7 +81,7 @@ def tested(lab: Laboratory, name: str, source: np.random.Generator) -> Tested:
 
 
 def covers(truth: float, found: Ability) -> bool:
-    """Whether the 95 % interval of an ability holds the true one."""
+    """Whether the 95 % interval of an estimated ability contains the true ability."""
     return found.interval.low <= truth <= found.interval.high
 
 

@@ -36,7 +36,7 @@ class Environment:
 
     @property
     def path(self) -> str:
-        """The folders of its programs, as a value for PATH."""
+        """The folders of the client's programs, as a value for PATH."""
         node = self._node()
         own = [self.folder / "bin", self.folder / "node_modules" / ".bin", *([node / "bin"] if node else [])]
         return os.pathsep.join([*map(str, own), "/usr/bin", "/bin"])
@@ -55,7 +55,7 @@ class Environment:
         return _run([str(self.python), "-c", code, package], os.environ).strip()
 
     def install(self, client: Client) -> None:
-        """Install the pins.
+        """Install the pinned packages of a client.
 
         Raises:
             CannotInstall: A package is missing in the registry, or the pins contradict each other.

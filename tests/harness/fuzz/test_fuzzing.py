@@ -133,13 +133,13 @@ def step_and_set(session: Session, args: Any) -> Any:
 
 
 def paint(session: Session, args: Any) -> Any:
-    """Change only the spec from which later models are compiled, which no fingerprint of a call contains."""
+    """Plant a fault in the spec from which later models are compiled; fingerprints of calls do not include the spec."""
     session.world._spec.geoms[0].rgba[0] = 0.123
     return told({"x": 0.0, "y": 0.0, "z": 0.0})(session, args)
 
 
 def never_undone(patch: pytest.MonkeyPatch) -> None:
-    """Join the pair before checking it, and do not roll back."""
+    """Make `attach_objects` join a pair before it checks the arguments, and disable roll-back."""
 
     def join_first(session: Session, args: Any) -> Any:
         first, second = session.find(args.object1_id), session.find(args.object2_id)

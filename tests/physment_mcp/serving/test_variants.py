@@ -1,4 +1,4 @@
-"""Tests of the variants that are compared to find what depends on the seed; need no renderer."""
+"""Tests of loading the variants of a scene, which the server compares to find parts that depend on the seed."""
 
 from pathlib import Path
 

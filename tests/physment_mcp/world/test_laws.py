@@ -66,7 +66,7 @@ def test_drag_in_proportion_to_the_velocity_makes_it_decay_exponentially() -> No
 
 
 def test_a_body_without_mass_is_where_its_frame_is() -> None:
-    """MuJoCo's own centre of mass of such a body is twice as far from the origin."""
+    """A law reads the frame of a body without mass; the centre of mass that MuJoCo gives is twice as far away."""
     far = {"on": "cart", "with": {"mark": "mark"}, "force": ["mark_x", "mark_y", "0"]}
     world = run(World(model(CART + '<body name="mark" pos="0.2 0.7 0"/>', far)), 1.0)
     assert world.twist("cart").linear[0] == pytest.approx(0.2 / 2, rel=1e-9)
@@ -291,7 +291,7 @@ def test_laws_may_use_the_same_names_for_different_things() -> None:
 
 @pytest.mark.parametrize("damping", ["", 'damping="0.3"'])
 def test_laws_of_one_body_add_up_as_one_law_does(damping: str) -> None:
-    """Forces on a body with slide joints only are added before they are applied."""
+    """If a body has only slide joints, the forces of its laws are added first and applied once."""
     pucks = PUCK.format(1, 0).replace("<joint", f"<joint {damping}") + PUCK.format(-1, 1).replace('"puck"', '"other"')
     parts = ["-0.7*x", "-0.3*vx**3", "0.11*sin(3*t)"]
     laws = [{"on": "puck", "with": {"o": "other"}, "force": [part, "0.2*o_y", "0"], "reaction": "o"} for part in parts]

@@ -1,4 +1,4 @@
-"""Tests of the certificate "determined": few readings leave a rival, and many leave none."""
+"""Tests of the certificate "determined": a wrong structure can fit few readings, but not many."""
 
 import random
 

@@ -44,7 +44,7 @@ def told_of(structure: Structure, looks: int = 40, noise: float = 0.002) -> Situ
 
 
 def questions(apparatus: Apparatus) -> tuple[Question, ...]:
-    """Return questions with each text that a prompt can contain."""
+    """Return questions that together use every wording of a prompt for this apparatus."""
     size = 4 if apparatus is Apparatus.PAIR else 2 if apparatus is Apparatus.PUCK else 1
     whats = ("dx", "vy", "speed") if size > 1 else ("dq", "u", "u")
     still, moving = (0.0,) * size, (1.5, -0.25, 0.0, 0.0)[:size]

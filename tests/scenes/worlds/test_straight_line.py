@@ -1,4 +1,4 @@
-"""Tests of code in which every operation is written once."""
+"""Tests of generated code that computes each common subexpression once."""
 
 import math
 

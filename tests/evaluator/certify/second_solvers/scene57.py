@@ -17,7 +17,9 @@ WINDOW = 0.1
 
 
 def solve(task: str) -> Protocol:
-    """Friction equals coefficient times normal force; using impulses of both corrects for a block that hops.
+    """A friction coefficient is the impulse of the friction divided by the impulse of the normal force.
+
+    The measured impulse of the normal force includes the vertical motion of a block that hops.
 
     Only the upper friction brakes the small block; both brake the long one.
     """

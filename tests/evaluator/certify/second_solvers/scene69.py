@@ -1,4 +1,7 @@
-"""Turn the turntable by pulling the ball in its cup: work and energy, however the ball landed."""
+"""Pull the ball in its cup, which turns the turntable; its inertia follows from the work of the force.
+
+The ball need not be at rest in the cup when the force starts, because its speed is read.
+"""
 
 import math
 
@@ -19,7 +22,7 @@ PULL_TIME = 0.4
 
 
 def look() -> list[Call]:
-    """Read the ball, and the turntable's spin for 1 kg."""
+    """Read the motion of the ball, and the energy and angular momentum that the turntable would have with 1 kg."""
     return [
         call("get_position", object_id=BALL),
         call("get_velocity", object_id=BALL),

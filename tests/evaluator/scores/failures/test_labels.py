@@ -255,7 +255,7 @@ def _held_out(group: Sequence[Judged]) -> float:
 
 
 def _alike(episode: Episode) -> Episode:
-    """Return the episode under one common budget, because a log with one reply too many has a larger one."""
+    """Return the episode with budget 5, so that all are in one group; a log with an extra reply has a larger budget."""
     return episode.model_copy(update={"key": episode.key.model_copy(update={"budget": 5})})
 
 
