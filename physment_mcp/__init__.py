@@ -3,7 +3,7 @@
 The names below are the public interface for Python programs; docs/how-to/use-as-a-library.md shows their use. Each is
 imported at its first use, so that the command line starts without the engine.
 
-Knows no answers, agents, budgets or reports.
+Independent of answer keys, agents, budgets and reports.
 """
 
 from importlib import import_module

@@ -21,8 +21,8 @@ def entry() -> NoReturn:
 def _end_at_once() -> None:
     """Let SIGINT end this process silently. Commands with something to clean up call `restore_sigint` when they start.
 
-    A KeyboardInterrupt during the imports may be lost: the engine replaces it by an error of its own. An episode on
-    stdio has nothing to clean up, and reads stdin in a thread that no exception interrupts.
+    A KeyboardInterrupt during the imports may be lost, because the engine raises another error in its place. An episode
+    on stdio has nothing to clean up, and reads stdin in a thread that no exception interrupts.
     """
     if signal.getsignal(signal.SIGINT) is signal.default_int_handler:  # it may be ignored
         signal.signal(signal.SIGINT, signal.SIG_DFL)

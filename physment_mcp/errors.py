@@ -43,7 +43,7 @@ class PhysMentError(Exception):
 
 
 class UsageError(PhysMentError):
-    """A command asks for something impossible; one sentence for the operator."""
+    """A command asks for something impossible. The message is one sentence for the operator."""
 
 
 class SceneError(PhysMentError):

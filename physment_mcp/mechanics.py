@@ -1,4 +1,4 @@
-"""Formulas of mechanics on plain arrays, in SI units. Knows no engine and no session."""
+"""Formulas of mechanics on plain arrays, in SI units. Independent of the engine and of sessions."""
 
 import numpy as np
 from numpy.typing import NDArray

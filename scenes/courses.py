@@ -1,4 +1,4 @@
-"""Fits laws of motion to a course: a sequence of constant pushes with readings after each. For reference protocols.
+"""Fits laws of motion to a course: a sequence of constant pushes with readings after each. Used by reference protocols.
 
 A solution defines the time derivative of the state for each candidate structure, and ranges for the constants.
 `Laws.fitted` finds the constants of a structure, and `Laws.best` the structure with the best fit. All functions are
@@ -83,7 +83,7 @@ class Course:
 
 
 def force(object_id: str, axis: int) -> Channel:
-    """Component of the force held on an object."""
+    """Component of the force applied to an object [N]."""
     return Channel("apply_force", object_id, "force_vector", axis)
 
 

@@ -1,4 +1,4 @@
-"""Least squares on the unit cube and Runge-Kutta steps, vectorised over trial points. For reference protocols."""
+"""Least squares on the unit cube and Runge-Kutta steps, vectorised over trial points. Used by reference protocols."""
 
 from collections.abc import Callable
 from typing import Any, cast

@@ -1,4 +1,4 @@
-"""Loads an apparatus with balls of known mass, and measures its response. For reference protocols.
+"""Loads an apparatus with balls of known mass, and measures its response. Used by reference protocols.
 
 A ball of density ρ and radius r has the mass m = 4/3 π r³ ρ. It is created next to the apparatus and attached to it.
 """

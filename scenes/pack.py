@@ -50,7 +50,7 @@ class Category(StrEnum):
 
     @property
     def infers(self) -> bool:
-        """Whether its scenes ask for a prediction from an inferred law, not for a measurement."""
+        """Whether scenes of the category ask for a prediction from an inferred law, not for a measurement."""
         return self.value.startswith("hard") or self in {Category.CREATE_DELETE_ATTACH, Category.OPEN}
 
 
@@ -307,7 +307,7 @@ class Pack(_PackModel):
 
     @property
     def law_answer(self) -> bool:
-        """Whether an agent may state a law with its answer. The category decides, so the content hash does not."""
+        """Whether an agent may state a law with its answer. This follows from the category, not from a field."""
         return self.category is Category.OPEN
 
     def permissions_of(self, key: str) -> Permissions:

@@ -1,4 +1,4 @@
-"""Fits the laws of two bodies on rails that are coupled by a gear, between nets. For reference protocols.
+"""Fits the laws of two bodies on rails, which a gear couples and nets catch. Used by reference protocols.
 
 The coupling force depends on the slip s = n v1 - v2, and possibly on v2. Forces are divided by the mass of the first
 body, so that this mass is the only constant with the scale of the forces.
@@ -126,7 +126,7 @@ class Pair:
             return n * speed - other if self.held == 0 else n * other - speed
 
         def passed(other: float) -> float:
-            """Return the force that the joint transmits if the other body has a speed."""
+            """Return the force that the joint transmits at a speed of the other body."""
             return float(joint(knobs, slip(other), other if self.held == 0 else speed))
 
         def excess(other: float) -> float:
@@ -140,7 +140,7 @@ class Pair:
         return [other, float(m * (self._resisted(structure, knobs, self.held, speed) + back))]
 
     def course(self, exchanges: Exchanges) -> Course:
-        """Return the course until a net caught a body."""
+        """Return the legs of the course before a net caught a body."""
         course = self.rig.course(exchanges)
         caught = np.abs(course.readings[:, :2]) > self.net - 2 * self.sigma[0]
         return course.until(caught[:, 0] | caught[:, 1])
@@ -177,7 +177,7 @@ class Pair:
     def _chosen(
         self, level: Array, sense: float, times: Sequence[float], course: Course, top: float
     ) -> tuple[Array, float]:
-        """Choose pushes and duration of a leg: forwards if no net is touched, else backwards, else braking."""
+        """Choose pushes and duration of a leg that touches no net: forwards, else backwards, else pushes that brake."""
         response = _response(course, top)
         stop = -top * np.sign(course.readings[-1, 2:])
         for pushes, duration in [
@@ -203,7 +203,7 @@ class Pair:
 
 
 def _response(course: Course, top: float) -> Array:
-    """Return a linear approximation: accelerations of both bodies per unit of the force share and of each speed."""
+    """Fit a linear model of the accelerations of both bodies: a column per push, in units of `top`, and per speed."""
     states = np.vstack([np.zeros(4), np.nan_to_num(course.readings)])
     pushes = np.zeros((len(course.durations), 2))
     pushes[:, : course.controls.shape[1]] = course.controls / top

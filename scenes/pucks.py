@@ -96,7 +96,7 @@ class PuckFloor:
         yield [answer(self.best(seen))]
 
     def batch(self, _: str) -> Protocol:
-        """Push back and forth with fixed sizes and durations, and fit the laws in the same way."""
+        """Push back and forth with fixed forces and durations; then fit every law."""
         calls = [asked for x, y, lasting in self.fixed_pushes for asked in self.push(np.array([x, y]), lasting)]
         readings = yield calls
         yield [answer(self.best(list(zip(calls, readings, strict=True))))]

@@ -1,7 +1,7 @@
-"""Pumps a body up in a potential, half swing by half swing, without reaching a catch. For reference protocols.
+"""Increases the swings of a body in a potential by pushes, without reaching a catch. Used by reference protocols.
 
-Each half swing is planned for all constants that the readings allow: with none of them may the body exceed the reach.
-If little is known, the body therefore swings less far, and an error of the fit does not let it reach the catch.
+Each half swing is planned so that the body stays within the reach for all constants that the readings allow. If little
+is known, the body therefore swings less far, and an error of the fit does not let it reach the catch.
 """
 
 from collections.abc import Callable, Generator, Sequence
@@ -48,7 +48,7 @@ class Pump:
     def pumped(
         self, first: list[Call], plausible: Callable[[Exchanges], Array]
     ) -> Generator[list[Call], list[Reading], list[tuple[Call, Reading]]]:
-        """Make the first calls, then half swings as long as calls and time suffice.
+        """Make the first calls, then half swings until the limit of calls or of time is reached.
 
         Args:
             first: Calls that set the body in motion.
@@ -92,7 +92,7 @@ class Pump:
         return calls
 
     def _planned(self, plausible: Array, places: Array, speed: float, side: float) -> tuple[float, Array]:
-        """Return the push along the motion that leads farthest within the reach, and each member's turning point."""
+        """Return the strongest push with which all members stay within the reach, and their turning points."""
         far = side * _BEYOND * self.reach
         ways = (far - places)[:, None] * np.linspace(0.0, 1.0, _PLACES)
         rises = self.potential(plausible[:, :, None], places[:, None] + ways)
@@ -124,7 +124,7 @@ class Pump:
 
 
 def turning_ways(left: Array, ways: Array) -> Array:
-    """Return the first distances at which no kinetic energy is left; the last one with some left if there is none.
+    """Return for each path the distance at which the kinetic energy falls to 0; the last distance if it never does.
 
     Args:
         left: Kinetic energy along each path; shape (members, places).

@@ -1,9 +1,9 @@
 """Wraps the reference protocols of open worlds, so that they state a law with the answer.
 
 A pack's `laws` are the possible laws, as expressions of its knobs. The reference protocol infers a structure and
-constants from its readings; inserted for the knobs, they give the law. The inference is done by `FLOOR` of
-`solution.py`, or by the function `inferred` of a file `law.py` beside it. This file is not part of the pack's content
-hash, because neither a key nor a certificate depends on it.
+constants from its readings. With these in place of the knobs, the expressions are the law that is stated. The inference
+is done by `FLOOR` of `solution.py`, or by the function `inferred` of a file `law.py` beside it. This file is not part
+of the pack's content hash, because neither a key nor a certificate depends on it.
 """
 
 import re

@@ -1,6 +1,6 @@
 """Converts between controls and calls: builds the calls of a leg, and extracts a course from calls and readings.
 
-For reference protocols. A leg is an interval of constant controls; a course is a sequence of legs.
+Used by reference protocols. A leg is an interval of constant controls; a course is a sequence of legs.
 """
 
 from collections.abc import Callable, Generator, Iterable, Sequence

@@ -1,4 +1,4 @@
-"""Fits nonlinear springs to forces at rest. For reference protocols.
+"""Fits nonlinear springs to forces at rest. Used by reference protocols.
 
 An `even` spring pulls with k u, a `cubic` one with k u + c u³, and a `late` one with k u + c max(u - e, 0), where a
 second spring engages at the edge e. A law is the tuple (k,), (k, c) or (k, c, e).
@@ -177,7 +177,7 @@ class _Fit:
 
     @property
     def ranges(self) -> list[tuple[float, float]]:
-        """Ranges of the constants, including those that the prompts state."""
+        """Ranges of the constants: that of the stiffness, and the ranges that the prompts state for the others."""
         first = float(np.log(fitted(self.points, self.kind)[1][0]))
         return [(first - 1, first + 1), *_RANGES[self.kind]]
 

@@ -1,4 +1,4 @@
-"""Loads a body step by step, reads it at rest, and fits the restoring forces. For reference protocols."""
+"""Loads a body step by step, reads it at rest, and fits the restoring forces. Used by reference protocols."""
 
 from collections.abc import Callable, Generator, Iterable, Sequence
 from dataclasses import dataclass

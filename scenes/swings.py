@@ -1,4 +1,4 @@
-"""Drives a body to increasing swings without reaching a catch, and predicts from them. For reference protocols.
+"""Drives a body to increasing swings without reaching a catch, and predicts from them. Used by reference protocols.
 
 A solution defines its controls and readings (`Rig`), its laws, a simplified law for planning, and an objective for
 planned paths. `Swing` increases a push until the body moves. Then it repeats: fit the simplified law to the course so
@@ -204,7 +204,7 @@ class Swing:
         return pushes[: self.legs, :, int(np.argmax(self.worth(plan, np.array(path))))]
 
     def batch(self, _: str) -> Protocol:
-        """Pushes of fixed sizes, and the same fit."""
+        """Apply pushes of fixed sizes and durations; then fit every law."""
         calls = [asked for push in self.fixed_pushes for asked in self.rig.leg(push, self.fixed_s)]
         readings = yield calls
         yield [answer(self.model.best(list(zip(calls, readings, strict=True))))]

@@ -1,4 +1,4 @@
-"""Fits the resistance of wheels that are driven or braked by loads on pans. For reference protocols.
+"""Fits the resistance of wheels that are driven or braked by loads on pans. Used by reference protocols.
 
 A pan carries one ball at a time. At each load the torques balance at a steady angular velocity. They are linear in the
 coefficients, except for the angular velocity at which a part of the resistance sets in (the edge).
@@ -119,7 +119,7 @@ def resisted_member(
 
 
 def left_spin(engine: Any, body: str, wheel: str, torques: Sequence[float], asked: float, seconds: float) -> float:
-    """Return the relative error of a wheel's angular velocity after a disturbed torque and then the right one.
+    """Return the relative error of a wheel's angular velocity after several torques that act one after the other.
 
     Args:
         engine: The engine without brakes.

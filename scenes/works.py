@@ -1,4 +1,4 @@
-"""Fits a potential to positions, speeds and the work of pushes on a body without friction. For reference protocols.
+"""Fits a potential to positions, speeds and the work of pushes on a body without friction. Used by reference protocols.
 
 The energy m v²/2 + V(x) of the body changes only by the work of the pushes. A push F that begins at x0 has done the
 work F (x - x0) at x. The error of x0 enters the work of all later points, so their errors are correlated.
@@ -123,7 +123,7 @@ def refitted(
         free: Indices of the free ones.
         doubt: Variance of the work at each point.
         alone: Independent variance of each point, from the constants.
-        misfits: From the constants, misfits of the points, and others that are already in standard deviations.
+        misfits: From the constants, misfits of the points, and further misfits that are in standard deviations already.
         scale: Typical sizes of all constants.
         highest: Upper bounds of all constants; the lower ones are 0.
         margin: Distance of the fitted constants from their bounds, at least.

@@ -29,7 +29,7 @@ def common_options(*, again: bool = False) -> argparse.ArgumentParser:
     """Return the options that may be given before or after the name of a command.
 
     Args:
-        again: True for the options after the name. An option that is not given there keeps its value from before.
+        again: True for the options after the name. An option that is not given there keeps the value given before it.
     """
     common = argparse.ArgumentParser(add_help=False, argument_default=argparse.SUPPRESS if again else None)
     common.add_argument(
@@ -70,10 +70,10 @@ def timestep(command: argparse.ArgumentParser, *, again: bool = False) -> None:
 
 @contextmanager
 def writing(target: Path) -> Generator[None]:
-    """Convert errors of writing inside the block to an error message of one sentence.
+    """Convert errors that occur while the block writes to `target` to errors with a message of one sentence.
 
     Raises:
-        SceneError: A pack is missing or malformed, or its export cannot go there.
+        SceneError: A pack is missing or malformed, or cannot be exported to `target`.
         UsageError: The operating system refuses to write to the target.
     """
     try:

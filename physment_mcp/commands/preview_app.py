@@ -89,7 +89,7 @@ class _Host:
         return _json({"text": content.model_dump()["text"]})
 
     async def call(self, request: Request) -> Response:
-        """Call a tool and return its result, as a client passes it to the app; 400 and a sentence for another body."""
+        """Call a tool and return its result, as a client passes it to the app; status 400 if the body is malformed."""
         try:
             wanted: Any = await request.json()
             tool, arguments = str(wanted["tool"]), dict(wanted["arguments"])

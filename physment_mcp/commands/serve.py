@@ -82,7 +82,7 @@ def add(commands: Commands) -> None:
 
 
 def _processes(serve: argparse.ArgumentParser) -> None:
-    """Declare the options that connect this process to others."""
+    """Declare the options for a proxy in front of this host, and for the program that starts it."""
     serve.add_argument(
         "--id-prefix",
         type=_id_prefix,

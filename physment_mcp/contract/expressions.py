@@ -2,7 +2,7 @@
 
 A recursive-descent parser converts text to nodes, and nodes are compiled to a Python function through `ast`; the text
 itself is never passed to `compile` or `eval`. A `Language` limits the length of a text and its operators, functions and
-numbers. Operators have the precedence of Python. Knows no bodies, knobs or answers.
+numbers. Operators have the precedence of Python. Independent of bodies, knobs and answers.
 """
 
 import ast

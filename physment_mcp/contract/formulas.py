@@ -1,7 +1,7 @@
 """Expressions of laws: sets of formulas that share names, compiled separately or together to one Python function.
 
-Knows arithmetic, and no engine, bodies or files. Numbers are floats and powers are those of `math.pow`, so no
-expression can build a huge integer or return a complex number.
+Independent of the engine, bodies and files. Numbers are floats and powers are those of `math.pow`, so no expression
+can build a huge integer or return a complex number.
 """
 
 import keyword
@@ -26,12 +26,13 @@ class Formulas:
         constants: Name → fixed value.
         let: Name → expression. Later expressions and the results may use the name.
         results: Field → expression of the result.
-        chosen: Further names whose values are passed, which are checked, because the author of the expressions chose
-            them.
+        chosen: Further names whose values are passed to each evaluation. They are validated, because the author of the
+            expressions chose them.
         language: `WRITTEN_BY_AGENTS` for texts of agents.
 
     Raises:
-        ExpressionError: An expression contains an unknown name or something that is not allowed, or a name is taken.
+        ExpressionError: An expression contains an unknown name or something that is not allowed, or a name is
+            already in use.
     """
 
     def __init__(
@@ -89,7 +90,7 @@ class Formulas:
             let[f"{field}#{number}"] = Node("*", (Node("name", text=factor), _renamed(node, names)))
 
     def fault(self, arguments: Sequence[str], values: Sequence[float]) -> str | None:
-        """Name the first field without a finite value at `values`, and the reason; None if all are finite."""
+        """Return the name of the first field without a finite value at `values`, and the reason; None without one."""
         known, found = [*arguments], [*values]
         for name, tree in self._let.items():
             value = _value(self._language.compiled(known, [tree], {}, self._constants), found)

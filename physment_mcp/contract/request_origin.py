@@ -34,7 +34,7 @@ def is_sent_to(names: Collection[str], headers: Headers) -> bool:
 
 
 def foreign_origin(names: Collection[str], headers: Headers) -> str | None:
-    """Return an Origin header that names no page of these hosts; None if there is none."""
+    """Return the first Origin header that names none of these hosts or is malformed; None if there is none."""
     for origin in headers.getlist("origin"):
         scheme = _SCHEME.match(origin)
         if scheme is None or named_host(origin[scheme.end() :]) not in names:
@@ -43,7 +43,7 @@ def foreign_origin(names: Collection[str], headers: Headers) -> str | None:
 
 
 class OnlyHere:
-    """ASGI middleware that refuses requests to other hosts and from their pages, and adds headers to every response.
+    """ASGI middleware that refuses requests whose Host or Origin is another host, and adds headers to every response.
 
     Args:
         app: The ASGI application to protect.

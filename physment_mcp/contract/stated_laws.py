@@ -5,7 +5,7 @@
      "state": {"way": {"start": 0, "rate": "hypot(object_1_vx, object_1_vy)"}}}
 
 The laboratory and the graders read a law with this module. It depends on the text alone and on the names of the
-visible objects, so neither a refusal nor its duration contains anything about the law of the laboratory.
+visible objects, so neither a refusal nor its duration reveals anything about the law of the laboratory.
 """
 
 import math

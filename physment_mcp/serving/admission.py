@@ -1,6 +1,6 @@
 """Opens episodes on a server: the request model, the quota of open episodes, and loading the scene.
 
-Knows no HTTP, no sockets and no MCP.
+Independent of HTTP, sockets and MCP.
 """
 
 import logging

@@ -150,7 +150,7 @@ class EpisodeServer:
     async def _run(
         self, manager: StreamableHTTPSessionManager
     ) -> tuple[StreamableHTTPSessionManager, Callable[[], None]]:
-        """Run a manager in a task; returns the manager and a function that ends the task."""
+        """Run a session manager of the MCP SDK in a task; returns it and a function that ends the task."""
         assert self._tasks is not None
 
         async def live(*, task_status: TaskStatus[Callable[[], None]]) -> None:

@@ -1,7 +1,8 @@
 """Checks of connections and requests before the host serves them.
 
-The protocol limits the number of connections and the time for headers. The middleware checks names, origin, and
-the size and time of bodies. Functions for the host check tokens and the form of JSON-RPC messages. Knows no episodes.
+The protocol limits the number of connections and the time for headers. The middleware checks the Host and Origin
+headers, and the size and time of bodies. Functions for the host check tokens and the form of JSON-RPC messages.
+Independent of episodes. Attacks have the names that `tests.harness.load.hostile` uses.
 """
 
 import asyncio
@@ -32,12 +33,12 @@ logger = logging.getLogger(__name__)
 MAX_BODY = 64_000
 """Largest accepted request [bytes], as a body or as a line: three times the largest call that a tool accepts."""
 BODY_S = 15.0
-"""Deadline for the body of a request [s], from the end of its headers (kind `slow uploads`)."""
+"""Deadline for the body of a request [s], from the end of its headers (attack `slow uploads`)."""
 
 REQUEST_S = 15.0
 """Deadline for the headers of a request [s], from the opening of the connection or the first byte of the request."""
 _READ = 2048
-"""Size of one read from a connection [bytes]. uvicorn parses every request of a read at once (kind `slow readers`)."""
+"""Size of one read from a connection [bytes]. uvicorn parses all requests in it at once (attack `slow readers`)."""
 _WARN_S = 60.0
 """Shortest time between two warnings that connections are refused [s]."""
 _ONE_OBJECT = 'a message is one JSON object, such as {"jsonrpc": "2.0", "id": 1, "method": "tools/list"}'
@@ -45,7 +46,7 @@ _ONE_OBJECT = 'a message is one JSON object, such as {"jsonrpc": "2.0", "id": 1,
 
 @dataclass(slots=True)
 class Connections:
-    """Counts open connections, in total and per client address (kind `half-open connections`)."""
+    """Counts open connections, in total and per client address (attack `half-open connections`)."""
 
     most: int
     most_of_address: int
@@ -83,7 +84,7 @@ def bounded_protocol(connections: Connections, request_s: float = REQUEST_S) -> 
 
 
 class _Reading(FlowControl):
-    """Flow control that pauses reading while pipelined requests wait (kind `slow readers`).
+    """Flow control that pauses reading while pipelined requests wait (attack `slow readers`).
 
     uvicorn resumes reading whenever the application awaits a part of a request. It would then parse and keep all
     pipelined requests of a connection, which may be thousands.
@@ -100,7 +101,7 @@ class _Reading(FlowControl):
 
 
 class _BoundedProtocol(AutoHTTPProtocol):
-    """One connection, with a deadline for headers (kind `half-open connections`)."""
+    """One connection, with a deadline for headers (attack `half-open connections`)."""
 
     open_connections: Connections
     request_s: float

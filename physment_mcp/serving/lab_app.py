@@ -51,7 +51,7 @@ def with_app(tools: tuple[types.Tool, ...]) -> list[types.Tool]:
 
 
 def app_resources() -> list[types.Resource]:
-    """Return the resources that are listed only for these clients."""
+    """Return the resources that are listed only for clients that show apps."""
     return [
         types.Resource(
             uri=APP_URI,

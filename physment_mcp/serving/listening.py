@@ -1,6 +1,6 @@
 """Runs the episode server with uvicorn: the listening socket, the configuration, and process-wide settings.
 
-Each setting that defends against an attack names the kind of `python -m tests.harness.load.hostile` that needs it.
+Settings that defend against an attack state its name, as `python -m tests.harness.load.hostile` uses it.
 """
 
 import ctypes
@@ -17,11 +17,11 @@ from physment_mcp.serving.http_guard import Connections, bounded_protocol
 _KEEP_ALIVE_S = 60
 """Keep-alive timeout of idle connections [s]. Longer than that of clients (5 s), so the client closes first."""
 _CONNECTIONS_EACH = 8
-"""Largest number of connections per episode (kind `half-open connections`); a client uses two or three."""
+"""Largest number of connections per episode (attack `half-open connections`); a client uses two or three."""
 _MORE_CONNECTIONS = 100
 """Allowed connections in addition to these."""
 _ACCEPTED_AT_ONCE = 8
-"""Connections accepted in one iteration of the event loop (kinds `200 requests at once`, `200 wrong URLs at once`)."""
+"""Connections accepted in one event loop iteration (attacks `200 requests at once`, `200 wrong URLs at once`)."""
 _BACKLOG = 1024
 """Length of the queue of connections that the system has not handed over yet."""
 
@@ -77,7 +77,7 @@ def _run(server: uvicorn.Server, sockets: list[socket.socket]) -> None:
 
 
 def _give_memory_back() -> None:
-    """Let glibc return the memory of a closed episode to the system at once (kind `episodes opened and closed`).
+    """Let glibc return the memory of a closed episode to the system at once (attack `episodes opened and closed`).
 
     The data of an episode are blocks of some hundred kilobytes. By default glibc raises its mmap threshold and
     allocates such blocks from its heap, which fragments: it grows by 3 to 20 kB for each closed episode.

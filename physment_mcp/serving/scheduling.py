@@ -137,9 +137,9 @@ class Turns:
             self._turn.release()
 
     def giving_way(self, at_most: float = WAITS) -> Callable[[], Coroutine[Any, Any, float | None]]:
-        """Return a coroutine function that a long call awaits before each piece, to yield to other episodes.
+        """Return a coroutine function that a long call awaits before each piece of work, to yield to other episodes.
 
-        It returns the time that the next piece may take [s]; None for the usual one.
+        It returns the time that the next piece may take [s]; None for the usual time.
 
         Args:
             at_most: As `WAITS`.
@@ -166,7 +166,7 @@ class Turns:
         return give_way
 
     def _spend(self, piece_s: float, now: float) -> float:
-        """Add the time of a piece; returns the used step time [s]."""
+        """Add the duration of a piece of work; returns the used step time [s]."""
         kept = max(0.0, self._spent_s - _REGAINED * (now - self._spent_at))
         self._spent_s, self._spent_at = min(kept + piece_s, _MOST_SPENT_S), now
         return self._spent_s

@@ -121,10 +121,10 @@ class CallLog:
         return self.calls[first:]
 
     def readings(self) -> Mapping[str, Reading]:
-        """Return the last reading of the position of each object that results of this episode named.
+        """Return the last position reading of each object, from the results of this episode.
 
-        Only clients that show the app need it, so it is computed when they do, from the calls since the last time, and
-        from a call that the log is about to drop.
+        Only clients that show the app need them. They are therefore computed on request, from the calls since the last
+        request; a call that the log drops before a request is included.
         """
         for call in self.calls[self._read_calls - self.left_out :]:
             self._read(call)
@@ -208,7 +208,7 @@ class EpisodeSlot:
 
     @property
     def offers_app(self) -> bool:
-        """Whether the app is offered to clients. It is not with a limit on calls, because a view is not a call."""
+        """Whether the app is offered. Episodes with a limit on calls do not offer it, because a view is not a call."""
         return self._find_visibility is not None and (self.session is None or self.session.max_calls is None)
 
     def visibility(self, session: Session) -> Visibility:

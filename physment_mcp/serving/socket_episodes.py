@@ -1,4 +1,4 @@
-"""Episodes of the program that started this server: each over a Unix socket of its own, one JSON line a message.
+"""Serves episodes to the program that started this server: each on its own Unix socket, each message a line of JSON.
 
 The program holds one end of a control socket; this process inherited the other. For each episode the program creates a
 socket pair and sends one end through the control socket. The first line is the request for the episode; the reply is

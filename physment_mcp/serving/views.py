@@ -55,7 +55,7 @@ def view_of(
         session: The episode.
         visibility: The visibility of its scene.
         states: States that `recorded` yielded for the call just made.
-        read: Last reading of the place of each object, from the results of calls.
+        read: Last position reading of each object, from the results of calls.
 
     Returns:
         `time` [s]; `drawing`: bodies as `{"id", "object", "movable", "parts"}` and the `schematic` of the pack, if it

@@ -1,6 +1,6 @@
 """Compiles MJCF text into a model at its start state, and carries the state from one compiled model to the next.
 
-Knows MuJoCo specs, models and data only.
+Depends only on MuJoCo specs, models and data.
 """
 
 import copy

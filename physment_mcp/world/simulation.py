@@ -140,7 +140,7 @@ class Simulation:
 
     @contextmanager
     def recorded(self, every: int) -> Generator[list[Array]]:
-        """Record states while the block steps the world; the steps are the same.
+        """Record states while the block steps the world. Recording does not change the steps.
 
         Args:
             every: Interval of the recorded states [time steps]; the first and the last state are recorded too.

@@ -55,7 +55,7 @@ class World(Simulation):
         return self._sensors().pose(body)
 
     def poses_at(self, states: Sequence[Array], bodies: Sequence[str]) -> dict[str, list[Pose]]:
-        """For each body, its readings of `pose` at states of this model from `recorded`."""
+        """Return for each body its readings of `pose` at states that `recorded` yielded for this model."""
         data = passive.data_of(self._model)
         found: dict[str, list[Pose]] = {body: [] for body in bodies}
         for state in states:

@@ -271,10 +271,10 @@ def _refuse_guessable(world: DrawnWorld, rng: random.Random) -> None:
 
 
 def _determined(world: DrawnWorld, refits: Refits, difficulty: Difficulty) -> tuple[DrawnWorld, Refits]:
-    """Increase readings and reduce noise until the readings exclude rivals; returns the world and its readings.
+    """Increase readings and reduce noise until the readings exclude rival laws; returns the world and its readings.
 
     Raises:
-        Refused: A rival fits even with the most readings and the least noise of the difficulty.
+        Refused: A rival law fits even with the most readings and the least noise of the difficulty.
     """
     structure, constants, told, key = world.structure, world.constants, world.told, np.array(world.key)
     rival: Fit | None = None

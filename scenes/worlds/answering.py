@@ -60,7 +60,7 @@ def answers(structure: Structure, constants: Mapping[str, Any], asked: Sequence[
 def answers_without_parts(
     structure: Structure, constants: Mapping[str, float], asked: Sequence[Question], longest_s: float
 ) -> Array:
-    """Compute the answers, and those without each of the parts; all other constants stay the same.
+    """Compute the answers by the law, and by the law without each of its parts; other constants stay the same.
 
     Returns:
         Shape (questions, 1 + parts).

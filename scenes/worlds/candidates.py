@@ -110,7 +110,7 @@ class Candidates:
         return [(structure, unit) for _, structure, unit in self.offers(node, barred)[:most]]
 
     def offers(self, node: Fit, barred: frozenset[str]) -> list[tuple[float, Structure, Array]]:
-        """Return the structures with one more term or modulation, each after its score; the highest comes first."""
+        """Return (score, structure, point) for each structure with one more term or modulation, by descending score."""
         offers = [*self._terms(node, barred), *self._modulations(node, barred)]
         return sorted(offers, key=lambda offer: -offer[0])
 

@@ -1,4 +1,4 @@
-"""All parts by name, and the parts that each apparatus may have."""
+"""All parts of laws by name, and those that the laws of each apparatus may have."""
 
 from scenes.worlds.line import LINE
 from scenes.worlds.modulations import COMMON_MODULATIONS, LINE_MODULATIONS, PLANE_MODULATIONS

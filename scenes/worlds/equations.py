@@ -39,7 +39,7 @@ def rates_of(
         walled: Whether the soft wall acts.
         held: Whether visible bodies are fixed while hidden bodies move.
         single: Whether states are lists of floats, for `followed`, instead of arrays.
-        switched: Whether each part has a constant more, by `switch_of`, that states whether the part acts.
+        switched: Whether each part has an additional constant (see `switch_of`) that states whether the part acts.
     """
     writer = _Writer(structure, switched=switched)
     if not held:  # a body that is held has no acceleration

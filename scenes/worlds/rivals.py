@@ -38,7 +38,7 @@ def rival_of(refits: Refits, asked: Sequence[Question], key: Array, before: Fit 
         refits: The readings of the drawn world.
         asked: The questions.
         key: Their answers.
-        before: A rival in other readings, which is tried first.
+        before: A rival that was found with other readings; it is tried first.
     """
     search, drawn = refits.search, refits.drawn
     first = [] if before is None else [(before.structure, before.unit)]

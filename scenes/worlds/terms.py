@@ -67,7 +67,7 @@ class Structure:
 
     Attributes:
         apparatus: The bodies that can be pushed.
-        terms: Sorted by the constructor, so that one structure has one label.
+        terms: Sorted by the constructor, so that equal structures have equal labels.
         radius: Distance at which the soft wall of the floor, or the buffers of the rail, begin [m].
     """
 

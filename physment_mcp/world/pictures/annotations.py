@@ -1,6 +1,6 @@
-"""Annotations of a plate: axes, scale bar, and the ids of objects where they cover least.
+"""Annotations of a plate: axes, scale bar, and labels with the ids of objects, placed where they cover least.
 
-Knows no engine. Positions are in pixels.
+Independent of the engine. Positions are in pixels.
 """
 
 from collections.abc import Mapping, Sequence
@@ -127,7 +127,10 @@ def _cost(gap: int, spot: Box, thing: Box, size: tuple[int, int], used: Sequence
 
 
 def _misleads(spot: Box, thing: Box, others: Sequence[Box]) -> bool:
-    """Return whether a label is nearer to another object than to its own, or hardly farther: by edges or by centres."""
+    """Return whether a label seems to belong to another object than its own.
+
+    The edge of the other object is less than `_GAPS[0]` farther away than that of its own, or its centre is nearer.
+    """
     edges, middles = _distance(spot, thing) + _GAPS[0], float(np.hypot(*np.subtract(middle(thing), middle(spot))))
     return any(
         _distance(spot, other) < edges or np.hypot(*np.subtract(middle(other), middle(spot))) < middles

@@ -1,4 +1,4 @@
-"""Renders models off-screen with own light and backdrop, antialiasing, and a camera that frames the visible bodies.
+"""Renders models off-screen with its own lights and backdrop, antialiasing, and a camera that frames visible bodies.
 
 Use it in a separate process: a missing or broken graphics library may crash the process that loads it, and MuJoCo
 selects the library when it is imported, by the environment variable MUJOCO_GL.
@@ -30,7 +30,7 @@ _NOTHING = View(np.zeros(3), 4.0, 2.0)
 
 
 def staged(mjcf: str) -> tuple[mujoco.MjModel, mujoco.MjData]:
-    """Return a model written by `picture_model`, in its initial state with own light."""
+    """Return a model written by `picture_model`, in its initial state and lit by a headlight."""
     spec = unlit(mjcf)
     spec.add_texture(
         name="backdrop",
@@ -96,7 +96,7 @@ def boxes_of(model: mujoco.MjModel, data: mujoco.MjData) -> list[GeomBox]:
 
 
 class Extras(NamedTuple):
-    """Things that a view frames in addition to the objects of the model."""
+    """Additional items that a view must frame, besides the objects of the model."""
 
     made: Collection[str] = ()
     """Names of objects that an agent has made."""
@@ -121,7 +121,7 @@ def view_on(
         model: The model.
         boxes: Boxes of its geoms, at one moment or at several.
         aspect: Width of the image over its height.
-        extras: What is to be shown besides.
+        extras: Additional items that the view must frame.
     """
     if not boxes and not extras.marks and not extras.points:
         return _NOTHING
@@ -171,7 +171,7 @@ def _subject(model: mujoco.MjModel, boxes: Sequence[GeomBox], extras: Extras) ->
 
 
 def _near(parts: Sequence[Array], farthest: float) -> Array:
-    """Join to the first part the nearest others, while the extent of all stays within `farthest` [m]."""
+    """Join the nearest other parts to the first part, while the extent of all stays within `farthest` [m]."""
     lows, highs = (np.array([bound(part, axis=0) for part in parts]) for bound in (np.min, np.max))
     low, high, chosen = lows[0], highs[0], [0]
     left = list(range(1, len(parts)))

@@ -1,4 +1,4 @@
-"""Places the camera: computes its target and its distance from the drawn bodies. Knows no engine."""
+"""Places the camera: computes its target and its distance from the drawn bodies. Independent of the engine."""
 
 from dataclasses import dataclass
 

@@ -78,7 +78,7 @@ def moving_plate(things: Sequence[Shown], moments: Sequence[Moment], most_bytes:
     """Render an animated WebP image, which plays for ever.
 
     Args:
-        things: What is drawn at one moment or another.
+        things: What the frames draw; `Moment.shown` is an index in this list.
         moments: The frames, in order; at least one.
         most_bytes: Largest size of the file.
 
@@ -133,7 +133,7 @@ class _Stage(NamedTuple):
     """Names of all objects that are drawn in any frame."""
 
     def boxes(self, poses: Mapping[str, Sequence[float]]) -> list[GeomBox]:
-        """Put bodies at poses, and return the boxes of these and of the fixtures."""
+        """Put bodies at poses, and return the bounding boxes of their geoms and of those of the fixtures."""
         placed(self.model, self.data, {name: pose for name, pose in poses.items() if name in self.objects})
         names = [self.model.body(int(body)).name for body in self.model.geom_bodyid]
         here = boxes_of(self.model, self.data)

@@ -1,4 +1,4 @@
-"""Draws lines, boxes, arrows and text over pixels, and encodes PNG, all by Pillow. Knows no engine.
+"""Draws lines, boxes, arrows and text over pixels, and encodes PNG, all by Pillow. Independent of the engine.
 
 Positions are (x, y) in pixels from the upper left corner.
 """

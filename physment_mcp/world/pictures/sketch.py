@@ -1,7 +1,7 @@
 """Draws what a task describes but the model does not show.
 
 These are rings at the last position readings of objects, and cords, springs, rods, rails and pulleys. Only the ends of
-such parts are known, so no part has a true size. Knows no engine.
+such parts are known, so no part has a true size. Independent of the engine.
 """
 
 from collections.abc import Mapping, Sequence
