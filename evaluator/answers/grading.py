@@ -151,7 +151,7 @@ def grade(answer: JsonValue, key: AnswerKey) -> Grade:
 
 
 def right_parts(answer: JsonValue, key: AnswerKey) -> tuple[bool, ...]:
-    """Return for each part of the key whether it is answered strictly right; all False for another shape.
+    """Return for each part of the key whether it is answered strictly right; all False if the answer has another shape.
 
     `grade` counts the same parts. Never raises.
     """

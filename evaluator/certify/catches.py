@@ -127,7 +127,7 @@ class _Watched:
         """Sample the bounded quantities.
 
         Returns:
-            The largest share of a bound that is used up (1 at the bound); and a fault, or None.
+            The largest deviation, as a share of the allowed one; and a fault, or None.
         """
         now = self._state.values(self._wanted)
         if self._caught is None:

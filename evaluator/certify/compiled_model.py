@@ -1,6 +1,6 @@
 """Checks on the compiled MJCF model of a pack: start contacts, energy, effective friction, parts without a joint.
 
-It examines the start state and simulations without tool calls, directly with MuJoCo and without the server's `World`.
+The checks use the start state and simulations without tool calls. They call MuJoCo directly, without `World`.
 """
 
 # MuJoCo ships no type stubs.

@@ -46,7 +46,7 @@ class Constants:
     def values(
         self, shifts: Mapping[str, float] | None = None, discrete: Mapping[str, KnobValue] | None = None
     ) -> dict[str, KnobValue]:
-        """All values, derived ones included.
+        """Return all hidden values, including derived ones.
 
         Args:
             shifts: Continuous constant → share of its range by which it is shifted.
@@ -120,7 +120,7 @@ class Constants:
         return [float(bound) for bound in np.sqrt(np.maximum(variance, 0.0)) / tolerance]
 
     def choice_probability(self, fisher: Array) -> float | None:
-        """Return the probability of the right choice over constants that fit the readings; None without a choice."""
+        """Return the probability of the right choice, given the readings; None if only numbers are asked for."""
         if len(self._asked[0]) == len(self.key):
             return None
         if not self.names:

@@ -101,7 +101,7 @@ class Design:
         return lab, _read(lab, [one for one, reading in self.made if "error" not in reading], slopes=True)
 
     def told(self) -> Array:
-        """Return the numbers that the real laboratory returned, in the order of `replay`."""
+        """Return the numbers that the real laboratory returned, in the same order as `replay` returns them."""
         reads = [reading for one, reading in self.made if one.tool not in _SILENT and "error" not in reading]
         return np.array([number for reading in reads for number in numbers(reading)])
 
@@ -248,8 +248,8 @@ def _made(design: Design, batch: list[Call]) -> Generator[list[Call], list[Readi
 def greedy(design: Design, options: Sequence[list[Call]]) -> list[Call]:
     """Return the most informative experiment.
 
-    It is the one that separates the two most probable answers best; if only one answer is left, the one after which the
-    Cramér-Rao bound is smallest.
+    If several answers are still possible, it is the experiment that best separates the two most probable ones. If only
+    one answer is left, it is the experiment after which the Cramér-Rao bound is smallest.
     """
     best = design.estimates[0]
     constants, survey = design.constants(best), _Survey.of(design, best)

@@ -50,7 +50,7 @@ _APART = 6.0
 
 
 class Information(NamedTuple):
-    """Information of all readings of an episode about the constants."""
+    """Information that the readings of an episode contain about the constants."""
 
     whitened: Array
     """Derivatives of the readings by the constants, in units of independent standard deviations (readings, constants);
@@ -175,7 +175,7 @@ class Other(NamedTuple):
 
 
 def others_of(constants: Constants, told: Information, episode: Episode, fitted: Sequence[Rival] | None) -> list[Other]:
-    """Return the changes of one discrete value that give another answer, except values of a fitted structure."""
+    """Return the changes of one discrete value that give another answer, except those that change a fitted law."""
     structure = constants.subject.solution.structure
     found: list[Other] = []
     for name, change in constants.others():

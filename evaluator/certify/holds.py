@@ -166,8 +166,7 @@ def _drive(subject: Subject, draw: Draw, number: int, looks: int, in_a_row: int,
 def _sequence(attacks: Sequence[Attack], turn: int, in_a_row: int) -> list[Attack]:
     """Return the attacks of one run, in order.
 
-    Over all runs, each attack is once the first one, and each pair of attacks occurs in sequence.
-
+    Over all runs, each attack comes first once, and each pair of attacks occurs in direct succession.
     """
     first, pace = turn % len(attacks), turn // len(attacks) + 1
     return [attacks[(first + pace * place) % len(attacks)] for place in range(in_a_row)]
@@ -186,7 +185,7 @@ class _Run:
         self._changes = 0
 
     def through(self, sequence: Sequence[Attack]) -> str | None:
-        """Apply the attacks for equal shares of the time. If one engages a catch, its reverse is next.
+        """Apply each attack for an equal share of the time. If an attack engages a catch, the reversed attack follows.
 
         Returns:
             A fault, or None.

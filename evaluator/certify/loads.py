@@ -224,7 +224,7 @@ RELEASE = Attack("no load", ())
 
 
 def attacks_on(handles: Sequence[Handle], engine: Engine, pack: Pack) -> list[Attack]:
-    """Return all attacks: each handle in both directions and pumped, each body along its motion, and pairs of bodies.
+    """Return all attacks: constant and `pumped` loads on each handle, loads `along` the motion, and pairs of loads.
 
     Attacks with a tenth of the load bring a body to other positions and speeds before the largest load follows. If
     balls can be created, they are joined to every body and dropped on it.

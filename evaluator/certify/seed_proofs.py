@@ -187,7 +187,7 @@ class SeedProver:
                     self._known[files.scene_id, proof.seed] = proof
 
     def record(self, played: Iterable[Variant]) -> SeedProofs:
-        """Return the entry about the played variants for the record of a run."""
+        """Return which of the played variants were checked, for the record of a run."""
         proved, unproved = dict[str, tuple[int, ...]](), dict[str, tuple[int, ...]]()
         for scene, seed in sorted(set(played)):
             if not is_world(scene) and not self._is_certified(scene, seed):

@@ -73,7 +73,7 @@ class Subject:
         return self._draw(0, knob, seed)
 
     def _draw(self, seed: int, knob: str, reseed: int) -> Draw:
-        """Return a draw. Cached, because the certificates share draws."""
+        """Return the drawn values and the model of a seed. Cached, because several certificates need the same ones."""
         wanted = (seed, knob, reseed)
         if wanted not in self._drawn:
             knobs = draw_knobs(self.files, self.pack, seed, reseed={knob: reseed} if knob else None)
@@ -81,7 +81,7 @@ class Subject:
         return self._drawn[wanted]
 
     def session(self, draw: Draw) -> Session:
-        """A new session of a draw."""
+        """Open a new session with the model of a draw."""
         return session_of(self.files, draw.mjcf)
 
     def session_to_compare(self, draw: Draw) -> Session:
@@ -124,7 +124,7 @@ class Subject:
 
 
 def gap(value: object, key: AnswerValue) -> float:
-    """Return the largest relative difference between the numbers of a value and its key; words differ by 1 or 0."""
+    """Return the largest relative difference between the numbers of a value and its key; 1 if words differ."""
     gaps = [
         abs(got - want) / max(abs(want), 1e-12)
         if isinstance(got, int | float) and isinstance(want, int | float)

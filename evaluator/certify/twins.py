@@ -48,7 +48,7 @@ async def readings_at_start(subject: Subject, seed: int) -> list[tuple[str, Read
 
 
 def revealing(first: Sequence[tuple[str, Reading]], other: Sequence[tuple[str, Reading]], seed: int) -> list[str]:
-    """A reason if the readings at the start of a seed differ from those of seed 0; otherwise none."""
+    """Return a reason for failure if the initial readings of a seed differ from those of seed 0; otherwise none."""
     call = _difference(first, other)
     return [f"at the start {call} distinguishes seed {seed} from seed 0"] if call else []
 
@@ -67,7 +67,7 @@ def modalities(subject: Subject) -> list[str]:
 
 
 async def check_modality(subject: Subject) -> Check:
-    """Check that the category's tool is needed: without it, readings do not depend on at least one knob."""
+    """Check that the category's tool is needed: without it, at least one knob has no effect on the readings."""
     tools = modalities(subject)
     reasons: list[str] = []
     figures: dict[str, list[str]] = {}
@@ -172,7 +172,7 @@ async def _revealing(subject: Subject, twins: tuple[Draw, Draw], tool: str, sequ
 
 
 def _difference(first: Sequence[tuple[str, Reading]], second: Sequence[tuple[str, Reading]]) -> str:
-    """Return the first call whose results differ; empty if none do."""
+    """Return the first call whose results differ between two sets of readings; empty if they are equal."""
     if [call for call, _ in first] != [call for call, _ in second]:
         return "the list of objects"
     return next((call for (call, a), (_, b) in zip(first, second, strict=True) if not same(a, b)), "")

@@ -53,7 +53,7 @@ def engine_answers(record: WorldRecord, timestep: float | None = None) -> Array:
 
 
 def course_gap(record: WorldRecord) -> float:
-    """Return the largest distance of engine and theory along the certificate's course, in standard deviations."""
+    """Return the largest deviation of the engine from theory in the certificate's course, in standard deviations."""
     structure = record.structure
     course = simulated(structure, record.constants, record.told, None, 0.01)
     engine, worst = Engine(mjcf_of(record)), 0.0

@@ -158,7 +158,7 @@ def _number(text: str) -> float:
 
 
 def seed_key(parser: "ActionsContainer") -> None:
-    """Declare `--seed-key` for a command that reads stored runs."""
+    """Declare the option `--seed-key` for a command that reads stored runs."""
     parser.add_argument(
         "--seed-key",
         type=Path,
@@ -168,7 +168,7 @@ def seed_key(parser: "ActionsContainer") -> None:
 
 
 def unproved(parser: "ActionsContainer") -> None:
-    """Declare `--unproved`."""
+    """Declare the option `--unproved`."""
     parser.add_argument(
         "--unproved",
         action="store_true",
@@ -178,7 +178,7 @@ def unproved(parser: "ActionsContainer") -> None:
 
 
 def allow_modified(parser: "ActionsContainer") -> None:
-    """Declare `--allow-modified`."""
+    """Declare the option `--allow-modified`."""
     parser.add_argument(
         "--allow-modified",
         action="store_true",

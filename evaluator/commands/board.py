@@ -21,7 +21,7 @@ same variants, packs, budgets and scoring rules are ranked together. The files a
 
 
 def add(commands: Commands) -> None:
-    """Declare `board`."""
+    """Declare the command `board` and its options."""
     board = commands.add_parser(
         "board",
         help="write a leaderboard page of submissions",

@@ -30,7 +30,7 @@ rung, and which episodes to add. Prints Markdown; --out writes calibration.json,
 
 
 def add(commands: Commands) -> None:
-    """Declare `calibrate`."""
+    """Declare the command `calibrate` and its options."""
     command = commands.add_parser(
         "calibrate", description=_DESCRIPTION, formatter_class=argparse.RawDescriptionHelpFormatter
     )

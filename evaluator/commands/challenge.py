@@ -59,7 +59,7 @@ _SETTINGS = ("people", "scenes", "adaptive", "seeds", "budget", "minutes", "feed
 
 
 def add(commands: Commands) -> None:
-    """Declare `challenge`."""
+    """Declare the command `challenge` and its options."""
     command = commands.add_parser(
         "challenge", description=_DESCRIPTION, formatter_class=argparse.RawDescriptionHelpFormatter
     )

@@ -30,7 +30,7 @@ Episodes are paired by scene, seed, epoch, and each of agent, budget, prompting,
 
 
 def add(commands: Commands) -> None:
-    """Declare `compare`."""
+    """Declare the command `compare` and its options."""
     command = commands.add_parser(
         "compare",
         description=_DESCRIPTION,

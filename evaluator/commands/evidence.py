@@ -48,7 +48,7 @@ each scene: name only folders of scenes that you trust.
 
 
 def add(commands: Commands) -> None:
-    """Declare `evidence`."""
+    """Declare the command `evidence` and its options."""
     command = commands.add_parser(
         "evidence", description=_DESCRIPTION, formatter_class=argparse.RawDescriptionHelpFormatter
     )

@@ -40,7 +40,7 @@ formats. Nothing in the run folder is changed.
 
 
 def add(commands: Commands) -> None:
-    """Declare `export`."""
+    """Declare the command `export` and its options."""
     export = commands.add_parser(
         "export",
         description=_DESCRIPTION,

@@ -48,7 +48,7 @@ image was refused.
 
 
 def add(commands: Commands) -> None:
-    """Declare `film`."""
+    """Declare the command `film` and its options."""
     command = commands.add_parser(
         "film",
         description=_DESCRIPTION,

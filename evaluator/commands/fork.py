@@ -38,7 +38,7 @@ that it continues. If the laboratory returns anything else than what is stored, 
 
 
 def add(commands: Commands) -> None:
-    """Declare `fork`."""
+    """Declare the command `fork` and its options."""
     fork = commands.add_parser(
         "fork",
         description=_DESCRIPTION,

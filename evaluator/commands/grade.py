@@ -20,7 +20,7 @@ version of their pack keep their grades. Episodes on a pack that is known to be 
 
 
 def add(commands: Commands) -> None:
-    """Declare `grade`."""
+    """Declare the command `grade` and its options."""
     command = commands.add_parser("grade", description=_DESCRIPTION)
     command.set_defaults(run=_grade)
     command.add_argument("folder", type=Path, help="run folder")

@@ -23,7 +23,7 @@ without one, is left out.
 
 
 def add(commands: Commands) -> None:
-    """Declare `keep-baselines`."""
+    """Declare the command `keep-baselines` and its options."""
     command = commands.add_parser(
         "keep-baselines", description=_DESCRIPTION, formatter_class=argparse.RawDescriptionHelpFormatter
     )

@@ -20,7 +20,7 @@ holds shards, all shards are merged.
 
 
 def add(commands: Commands) -> None:
-    """Declare `merge`."""
+    """Declare the command `merge` and its options."""
     command = commands.add_parser("merge", description=_DESCRIPTION)
     command.set_defaults(run=_merge)
     command.add_argument("folders", type=Path, nargs="+", metavar="DIR", help="run folders, or folders of shards")

@@ -26,7 +26,7 @@ The list names the environment variable that sets the base URL of each provider.
 
 
 def add(commands: Commands) -> None:
-    """Declare `models`."""
+    """Declare the command `models` and its options."""
     models = commands.add_parser(
         "models",
         description=_DESCRIPTION,

@@ -33,7 +33,7 @@ iteration is recorded as an episode without an answer; leaving before it leaves 
 
 
 def add(commands: Commands) -> None:
-    """Declare `play`."""
+    """Declare the command `play` and its options."""
     play = commands.add_parser(
         "play",
         description=_PLAY,

@@ -75,7 +75,7 @@ Only the mcp_url and the player_token are for the agent. docs/how-to/train.md sh
 
 
 def add(commands: Commands) -> None:
-    """Declare `referee`."""
+    """Declare the command `referee` and its options."""
     command = commands.add_parser(
         "referee",
         help="open episodes for a trainer, and give each a reward",

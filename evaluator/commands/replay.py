@@ -32,7 +32,7 @@ _WIDTH = 48
 
 
 def add(commands: Commands) -> None:
-    """Declare `replay`."""
+    """Declare the command `replay` and its options."""
     command = commands.add_parser(
         "replay",
         description=_DESCRIPTION,

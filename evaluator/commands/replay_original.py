@@ -35,7 +35,7 @@ Exit code: 0 all logs were played; 1 the laboratory failed on some.
 
 
 def add(commands: Commands) -> None:
-    """Declare `replay-original`."""
+    """Declare the command `replay-original` and its options."""
     command = commands.add_parser(
         "replay-original",
         description=_DESCRIPTION,

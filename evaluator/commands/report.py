@@ -46,7 +46,7 @@ the packs that it was played on.
 
 
 def add(commands: Commands) -> None:
-    """Declare `report`."""
+    """Declare the command `report` and its options."""
     command = commands.add_parser(
         "report",
         description=_DESCRIPTION,
@@ -133,7 +133,7 @@ def _refuse_missing(ring: KeyRing) -> None:
 
 
 def _ring_of(played: Mapping[str, str], rings: Sequence[KeyRing]) -> KeyRing:
-    """Choose the answer keys for a run: those of the folder that contains most of its packs; the first of several."""
+    """Choose the answer keys for a run: those of the folder with the most of its packs, the first if several have."""
     alike = [sum(_is_here(int(scene), stored, ring) for scene, stored in played.items()) for ring in rings]
     return rings[alike.index(max(alike))]
 

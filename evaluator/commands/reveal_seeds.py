@@ -23,7 +23,7 @@ scene, number, seed. Exit code: 0 the key fits; 2 it does not, or there is none.
 
 
 def add(commands: Commands) -> None:
-    """Declare `reveal-seeds`."""
+    """Declare the command `reveal-seeds` and its options."""
     command = commands.add_parser(
         "reveal-seeds",
         description=_DESCRIPTION,

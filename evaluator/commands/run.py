@@ -95,7 +95,7 @@ def input_tokens(budget: int) -> int:
 
 
 def add(commands: Commands) -> None:
-    """Declare `run`, the default command. Its help text is that of the whole program."""
+    """Declare the default command, `run`. Its help text is that of the whole program."""
     run = commands.add_parser(
         "run",
         description=_DESCRIPTION,

@@ -62,7 +62,7 @@ such as libosmesa6; without one the pages say so. Exit code: 0 written; 1 writte
 
 
 def add(commands: Commands) -> None:
-    """Declare `scenes list`, `scenes show`, `scenes new` and `scenes pages`."""
+    """Declare the commands `scenes list`, `scenes show`, `scenes new` and `scenes pages`."""
     family = commands.add_parser("scenes", description=_DESCRIPTION)
     actions = family.add_subparsers(dest="action", metavar="list|show|new|pages", required=True)
     listing = actions.add_parser("list", help="a line for each scene", description=_LIST)

@@ -36,7 +36,7 @@ together.
 
 
 def add(commands: Commands) -> None:
-    """Declare `submit` and `check-submission`."""
+    """Declare the commands `submit` and `check-submission`."""
     submit = commands.add_parser("submit", description=_SUBMIT)
     submit.set_defaults(run=_submit)
     check = commands.add_parser(

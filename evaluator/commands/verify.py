@@ -71,7 +71,7 @@ Exit code: 0 no fault; 1 a scene has a fault, or --fix cannot lay out a file.
 
 
 def add(commands: Commands) -> None:
-    """Declare `verify` and `lint`."""
+    """Declare the commands `verify` and `lint`."""
     verify = commands.add_parser(
         "verify",
         description=_VERIFY,

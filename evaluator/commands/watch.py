@@ -33,7 +33,7 @@ it; the run goes on.
 
 
 def add(commands: Commands) -> None:
-    """Declare `watch`."""
+    """Declare the command `watch` and its options."""
     command = commands.add_parser(
         "watch",
         description=_DESCRIPTION,

@@ -61,7 +61,7 @@ of a key, worlds of other settings than those of their level, gaps, and more tha
 
 
 def add(commands: Commands) -> None:
-    """Declare `worlds make`, `worlds show`, `worlds verify` and `worlds publish`."""
+    """Declare the commands `worlds make`, `worlds show`, `worlds verify` and `worlds publish`."""
     family = commands.add_parser("worlds", description="Laboratories that are drawn from a grammar of laws.")
     actions = family.add_subparsers(dest="action", metavar="make|show|verify|publish", required=True)
     raw = argparse.RawDescriptionHelpFormatter

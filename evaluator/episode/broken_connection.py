@@ -1,4 +1,4 @@
-"""Translates connection failures into errors of this package: a wrapped error, or the server's last output."""
+"""Translates connection failures into errors of this package, with the cause or the server's last output."""
 
 import socket
 import ssl

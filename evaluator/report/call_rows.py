@@ -151,7 +151,7 @@ def _quantities(exchange: Exchange, content: Mapping[str, Any]) -> Iterator[Show
 
 
 def _read(name: str, value: Any) -> Iterator[ShownValue]:
-    """The values in one field of a result; a field with found objects has several."""
+    """Yield the values in one field of a result. Only a field that lists found objects has several values."""
     if name == "revealed" and isinstance(value, list):
         yield from _found(cast(list[Any], value))
     else:
@@ -244,7 +244,7 @@ def _drawn(body: str, quantity: str, series: dict[str, list[Point]]) -> Chart:
 
 
 def _segments(points: Sequence[Point]) -> Iterator[Sequence[Point]]:
-    """Split points, in the order of reading, where the simulated time went back."""
+    """Split a series of points, in order of reading, wherever the simulated time decreases."""
     begin = 0
     for index in range(1, len(points)):
         if points[index].x < points[index - 1].x:

@@ -165,7 +165,7 @@ def _across(bound: float | None) -> float:
 
 
 def _dots(rows: Sequence[tuple[int, ScoredEpisode]]) -> list[Dot]:
-    """Lay out the dots of one area; dots that would overlap are stacked."""
+    """Lay out the dots of one scatter plot; dots that would overlap are stacked."""
     stacks: defaultdict[tuple[bool, int], list[tuple[int, ScoredEpisode, EvidenceVerdict]]] = defaultdict(list)
     for number, row in rows:
         if row.evidence is not None and (verdict := row.evidence_verdict) is not None:

@@ -227,7 +227,7 @@ def _spent(results: Sequence[AgentResults]) -> Iterator[tuple[str, Spending]]:
 
 
 def _groupings(results: Sequence[AgentResults]) -> list[tables.Table]:
-    """Tables of strict accuracy by group, one for each other grouping of scenes that has at least two groups."""
+    """Tables of strict accuracy, one for each grouping of scenes. Groupings with a single group are omitted."""
     found = [
         tables.side_by_side(
             results, "group", "Easy or hard, single or multi", lambda result: result.summary.by_quadrant

@@ -234,7 +234,7 @@ def _listed(values: Sequence[str]) -> str:
 
 
 def _labels(a: Side, b: Side, whole: Sequence[str]) -> tuple[str, str]:
-    """Return the labels: the agents with the conditions in which the runs differ; if none differ, the runs' names."""
+    """Return a label for each run: its agent and the conditions that differ; the run's name if no condition differs."""
     differing = [name for name in whole if _values(a, name) != _values(b, name)]
 
     def label(side: Side) -> str:

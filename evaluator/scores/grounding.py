@@ -168,7 +168,7 @@ class _PromptNumbers(NamedTuple):
         return cls(by_unit, sorted(everything))
 
     def comparable(self, spoken: Spoken) -> Iterator[tuple[list[Fraction], Fraction]]:
-        """Yield lists that may contain a number, each with the factor that converts the number to the list's unit."""
+        """Yield the lists of values to compare a number with, and the factor that converts the number to their unit."""
         if spoken.unit is None:
             yield self.of_any_unit, Fraction(1)
             return

@@ -60,7 +60,7 @@ def quadrant(category: str) -> str:
 
 
 def modality(category: str) -> str:
-    """Return what a category adds to its quadrant: `creation`, `hidden` or `plain`; other categories unchanged."""
+    """Return the modality of a category: `creation`, `hidden` or `plain`; other categories unchanged."""
     return _parts(category)[1]
 
 

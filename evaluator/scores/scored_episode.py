@@ -84,7 +84,7 @@ class ScoredEpisode:
 
     @property
     def measured(self) -> MeasuredEpisode | None:
-        """Episode, evidence and verdict; None if the evidence was not measured."""
+        """The episode with its evidence and verdict; None if the evidence was not measured."""
         return None if self.evidence is None else MeasuredEpisode(self.episode, self.evidence, self.grade.strict)
 
     @property

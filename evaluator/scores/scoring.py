@@ -172,7 +172,7 @@ def grade_record(episode: Episode, keys: KeyRing) -> GradeRecord:
 
 
 def law_grade(episode: Episode, keys: KeyRing, stored: GradeRecord | None = None) -> LawGrade | None:
-    """Grade the law of an episode; None if it states none, or its scene has none that can be stated.
+    """Grade the law of an episode; None if the agent stated no law, or if the law of the scene cannot be stated.
 
     Args:
         episode: The recorded episode.
@@ -233,7 +233,7 @@ _EQUIVALENCE = {True: "equivalent", False: "not equivalent"}
 def _changes(previous: Mapping[EpisodeKey, GradeRecord], records: Iterable[GradeRecord]) -> list[str]:
     """Describe each changed verdict, on an answer or a law, on one line.
 
-    A grade that was missing or unscored before does not count.
+    Grades that were missing or unscored before are not listed.
     """
     lines: list[str] = []
     for new in records:

@@ -48,7 +48,7 @@ class Sealing:
         self.seal = self.seal.after(line)
 
     def sentence(self) -> str:
-        """The sentence with the seal's head, printed so that the operator can store it outside the run folder."""
+        """State the size and the last hash of the seal, so that the operator can store them outside the run folder."""
         return f"seal: {self.seal.lines} episodes, {self.seal.head}"
 
 

@@ -138,7 +138,7 @@ def _recorded_part(old: JsonValue, new: JsonValue, path: str, added: Counter[str
 
 
 def differences(stored: Episode, now: Episode, rel_tol: float = REL_TOL) -> Iterator[Difference]:
-    """Yield the differences between a stored and a replayed episode; for each call only the first.
+    """Yield the differences between a stored and a replayed episode, at most one for each call.
 
     Times, notes and usage do not come from the laboratory and are not compared.
     """

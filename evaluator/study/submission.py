@@ -166,8 +166,8 @@ def _check_frames(folder: RunFolder) -> None:
 def _check_grades(folder: RunFolder, rows: list[ScoredEpisode]) -> None:
     """Raise if grading again gives other grades than the stored ones.
 
-    A grade that has been withdrawn since then is accepted, and so is one withdrawn by an erratum that the submission
-    does not count.
+    A stored grade may be withdrawn by an erratum that the given answer keys do not contain, because a check ignores
+    errata that were published after the submission.
     """
     stored: Mapping[EpisodeKey, GradeRecord] = folder.grades()
     for row in rows:
