@@ -102,7 +102,7 @@ def _divided(tokens: Sequence[Token], variables: Collection[str]) -> list[Token]
 
 
 def _ways(text: str, names: Collection[str]) -> list[tuple[str, ...]]:
-    """Return at most two ways to write a text as a sequence of names."""
+    """Split a text into a sequence of names; return at most two of the possible splits."""
     ways: list[list[tuple[str, ...]]] = [[()], *([] for _ in text)]
     for end in range(1, len(text) + 1):
         for name in names:

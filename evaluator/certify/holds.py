@@ -141,7 +141,7 @@ def _drive_all(subject: Subject, draws: Sequence[tuple[int, int]], in_a_row: int
 
 
 def _most_looks(subject: Subject) -> int:
-    """Number of time steps of a seed that fit into the laboratory time."""
+    """Return the number of time steps in the laboratory time of the scene."""
     limits = subject.pack.limits
     return round(((limits and limits.lab_time) or MAX_SIMULATED_S) / Engine(subject.draw(0).mjcf).timestep)
 

@@ -93,7 +93,7 @@ def of_known_difficulty(
 
 @dataclass(slots=True)
 class _Tests:
-    """The tests of all takers of a run."""
+    """The adaptive tests of a run, one for each agent and condition."""
 
     takers: dict[Condition, AdaptiveTest]
     keys: KeyRing

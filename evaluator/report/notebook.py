@@ -128,7 +128,7 @@ class Entry:
 
     @property
     def forked_turns(self) -> int:
-        """Number of first turns that were replayed from another episode."""
+        """Number of turns at the start that were replayed from another episode."""
         fork = self.row.episode.forked_from
         return fork.turn if fork else 0
 

@@ -236,7 +236,7 @@ def _valid_share(made: Sequence[Exchange]) -> float | None:
 
 
 def _was_made(exchange: Exchange) -> bool:
-    """Whether a call counts: it returned, or was rejected. Calls skipped after a rejected one do not count."""
+    """Whether a call was made: it returned or was rejected. Calls after a rejected one are skipped, and so not made."""
     return exchange.returned or exchange.is_error
 
 

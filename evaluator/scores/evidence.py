@@ -127,7 +127,7 @@ _REMEMBERED = 100
 
 
 class Derivation(Record):
-    """Stated arithmetic that gives an assertion."""
+    """Arithmetic in the reasoning whose result is a number that the reasoning states."""
 
     turn: int
     """Index of the turn that states it, from 0."""

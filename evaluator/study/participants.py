@@ -94,7 +94,7 @@ def participants_of(config: RunConfig) -> dict[str, Participant]:
     """Create the participants of a run, by name.
 
     Raises:
-        UsageError: One of them cannot be made, or two have the same name.
+        UsageError: A participant cannot be created, or two have the same name.
     """
     if config.command and EXTERNAL not in config.agents:
         raise UsageError(f"{config.command[0]}: not an option; a command after -- belongs to --agent external")

@@ -19,7 +19,7 @@ from scenes import PackFiles
 
 @dataclass(frozen=True, slots=True)
 class Limits:
-    """Limits of what a run may use; None for no limit."""
+    """Limits on the cost, tokens and wall time of a run; None for no limit."""
 
     cost_usd: float | None = None
     tokens: int | None = None

@@ -73,7 +73,7 @@ def _check_placeholders(words: Sequence[str], *, sealed: bool) -> None:
     """Check that a command receives the address of its episode, and does not expose it to other users.
 
     Raises:
-        UsageError: It does not receive the address, or would expose it on its command line.
+        UsageError: The command does not receive the address, or would expose it on its command line.
     """
     if not words:
         raise UsageError(
