@@ -1,4 +1,4 @@
-"""Tests of the tutorial: its programs are saved under the given names, and its commands are run."""
+"""Tests of tutorials/your-first-agent.md: its programs are saved under the given names, and its commands are run."""
 
 import re
 import shlex
@@ -18,7 +18,7 @@ COMMANDS = re.findall(r"```sh\n(physment-eval .*?)\n```", PAGE, flags=re.DOTALL)
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A folder with the programs of the page."""
+    """A folder with the programs of the tutorial."""
     target = tmp_path_factory.mktemp("tutorial")
     for name, source in PROGRAMS:
         (target / name).write_text(source, encoding="utf-8")

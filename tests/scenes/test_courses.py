@@ -1,4 +1,4 @@
-"""Tests of fitting laws of motion: synthetic courses whose constants are known in closed form."""
+"""Tests of fitting laws of motion to synthetic courses (motions under pushes), which are known in closed form."""
 
 from dataclasses import replace
 
@@ -113,7 +113,7 @@ def _swinging(_: str, knobs: Knobs, __: object, state: Array, controls: Array) -
 
 
 def _swung(legs: int, longest_s: float, starts: int) -> tuple[Laws, Course]:
-    """Return laws of a spring without speed readings, and swings x = cos(3 t), read after legs of 0.35 s."""
+    """Return the laws of a spring whose speed is not read, and a course x = cos(3 t) with a reading every 0.35 s."""
     laws = Laws(
         rates=_swinging,
         structures={"spring": ("w",)},

@@ -1,4 +1,4 @@
-"""Tests of coupled bodies: steady states solve the equations of motion, and a net ends the course."""
+"""Tests of coupled bodies: steady states solve the equations of motion; a course ends when a net catches a body."""
 
 import numpy as np
 import pytest

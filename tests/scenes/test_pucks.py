@@ -1,4 +1,4 @@
-"""Tests of pushing a puck: pushes and readings, the mass from a closed-form course, and staying on the floor."""
+"""Tests of the protocol that pushes a puck: its calls, the mass that it finds, and that the puck stays on the floor."""
 
 from dataclasses import replace
 from typing import Any

@@ -1,4 +1,4 @@
-"""Tests of pumping a body on a spring: half swings end at rest, grow, and stay within the reach for every member."""
+"""Tests of pumping a body on a spring: half swings end at rest, grow, and stay in reach under every plausible law."""
 
 from dataclasses import replace
 from typing import Any

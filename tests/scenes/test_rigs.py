@@ -1,4 +1,4 @@
-"""Tests of rigs: the calls of a leg, the course from its results, and pushes that grow until the body moves."""
+"""Tests of `Rig`: the calls of a push with its readings, the data from their results, and growing first pushes."""
 
 import numpy as np
 import pytest

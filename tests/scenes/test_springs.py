@@ -1,4 +1,4 @@
-"""Tests of spring laws: pull and energy agree, and each kind is recovered from its own forces."""
+"""Tests of spring laws: force and energy agree, and each kind is identified from its own forces."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Tests of potentials from positions, speeds and work: points of a motion, correlated errors, travel times."""
+"""Tests of potentials computed from positions, speeds and work: their points, correlated errors, travel times."""
 
 from math import pi
 from typing import Any

@@ -1,4 +1,4 @@
-"""Tests of notations that normalised grading accepts, of lookalikes that it rejects, and of torque against energy."""
+"""Tests of notations that normalised grading accepts, similar texts that it rejects, and units of torque and energy."""
 
 import json
 import math

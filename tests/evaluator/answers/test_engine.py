@@ -1,4 +1,4 @@
-"""Tests of the privileged engine: full precision, no limits, and modified apparatus."""
+"""Tests of the engine that computes answer keys: full precision, no limits, and modified apparatus."""
 
 import numpy as np
 import pytest

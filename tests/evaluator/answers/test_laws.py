@@ -1,4 +1,4 @@
-"""Tests of the grades of laws: what counts as knowing a law, and that how a law is written does not matter."""
+"""Tests of the grading of stated laws: which laws count as equivalent, whatever their notation."""
 
 import copy
 import itertools

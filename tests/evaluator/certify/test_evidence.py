@@ -70,7 +70,7 @@ def played(tmp_path: Path) -> Callable[..., tuple[Subject, Episode]]:
 
 
 def bound(mass: float, times: list[float]) -> float:
-    """Return the mass's smallest standard error over its tolerance, from velocities v = 2 N · t / m read at times."""
+    """Return the bound on the standard error of the mass, over its tolerance, from readings of v = 2 N · t / m."""
     sigma = np.hypot(NOISE, RESOLUTION / np.sqrt(12))
     slopes = np.array([2 * time / mass**2 for time in times]) * (HIGH - LOW) / sigma
     return float((HIGH - LOW) / np.sqrt(12 + slopes @ slopes) / (0.05 * mass))

@@ -1,4 +1,4 @@
-"""Tests of the how-to page: its commands succeed, and its files make a sound scene."""
+"""Tests of docs/how-to/contribute-a-scene.md: its commands succeed, and its files make a sound scene."""
 
 import re
 import shlex

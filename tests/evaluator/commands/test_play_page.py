@@ -277,7 +277,7 @@ def answer_with(page: Page) -> None:
 
 
 def red_pixels(page: Page, file: Path) -> int:
-    """Pixels of the colour of the ball in a screenshot of the scene, without the axes in its lower left corner."""
+    """Count the pixels with the colour of the ball in a screenshot of the scene, without the axes at its left edge."""
     box = "(({ left, top, right, height }) => [left + 80, top, right, top + height])"
     corners = page.run(f"{box}(document.querySelector('.lab-view canvas').getBoundingClientRect())")
     page.picture(file, whole=False)

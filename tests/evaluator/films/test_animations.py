@@ -1,4 +1,4 @@
-"""Tests of animated images: they show every call and the motion between, and are bounded."""
+"""Tests of animated images: they show every call and the motion in between, and their size is bounded."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""Tests of films: they show the visible bodies at the poses after each call, or are not made."""
+"""Tests of films: they show the visible bodies at their poses after each call; an edited record gets no film."""
 
 import base64
 import itertools

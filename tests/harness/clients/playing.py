@@ -150,7 +150,7 @@ def _last_words(episode: Episode) -> str:
 
 
 def _last_line(text: str) -> str:
-    """The last line with text, without the frame that Python draws around exception groups."""
+    """Return the last non-empty line of a program's output, without the frame that Python draws around exceptions."""
     lines = [line.strip(" |+-") for line in text.splitlines()]
     return next((line[:200] for line in reversed(lines) if line), "")
 

@@ -30,7 +30,7 @@ class Moments(NamedTuple):
 
 
 def exposure(episode: Episode) -> str:
-    """One model with the ramps, and with the slider of all moments."""
+    """Return one model with the ramps, and a copy of the slider for each moment."""
     moments = _moments(episode)
     root = ET.fromstring(moments[0].before)
     world = root.find("worldbody")

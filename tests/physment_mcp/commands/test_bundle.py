@@ -1,4 +1,4 @@
-"""Tests of the bundle for Claude Desktop: it matches its manifest, starts anywhere, and contains no answer."""
+"""Tests of the bundle for Claude Desktop: it matches its manifest, starts from any folder, and contains no answer."""
 
 import ast
 import json

@@ -1,4 +1,4 @@
-"""Tests of laws as agents state them: what they mean, and which are refused with one sentence."""
+"""Tests of laws that agents state: their accelerations and length, and malformed laws, refused with one sentence."""
 
 import gc
 import json

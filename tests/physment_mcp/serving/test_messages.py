@@ -1,4 +1,4 @@
-"""Tests that a body that is not a JSON-RPC message gets one short sentence, and every message passes."""
+"""Tests that a body that is not a JSON-RPC message gets one short sentence, and every valid message is accepted."""
 
 import json
 

@@ -1,4 +1,4 @@
-"""Tests of `model:…`: the selected model, the settings of its requests, and what is missing to use it."""
+"""Tests of `model:…`: the selected model, the settings of its requests, and errors for a missing key or URL."""
 
 import json
 import subprocess
