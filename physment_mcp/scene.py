@@ -103,7 +103,7 @@ def load_scene(scene_id: int, seed: int = 0, folder: Path | None = None, timeste
 
 
 def kept_scene(scene_id: int, seed: int = 0, folder: Path | None = None, timestep: float | None = None) -> Scene | None:
-    """The scene from the cache; None if it is not cached. `load_scene` then takes milliseconds to draw it.
+    """Return the scene from the cache; None if it is not cached, in which case `load_scene` takes milliseconds.
 
     Raises:
         SceneError: As for `load_scene`.

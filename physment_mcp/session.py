@@ -227,7 +227,7 @@ class Session:
         return found
 
     def obstacles(self) -> dict[str, str]:
-        """Bodies that nothing may be placed into → the name that a refusal uses.
+        """Return the bodies that nothing may be placed into, each with the name that a refusal uses.
 
         Soft objects are omitted, because others may sink into them. Hidden objects are omitted, because a refusal would
         reveal them.

@@ -100,7 +100,7 @@ def plausible_constants(
 
 
 def _likely(units: Array, excess: Callable[[Array], float], number: int) -> list[Array]:
-    """Select draws by rejection sampling with probability exp(-excess / 2), then the likeliest others if too few.
+    """Accept each draw with probability exp(-excess / 2). If too few are accepted, add the likeliest others.
 
     Args:
         units: Draws; shape (draws, constants).

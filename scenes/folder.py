@@ -33,7 +33,7 @@ class PackFiles:
 
     @property
     def solution(self) -> Path:
-        """Reference protocol and formulas of the answer; packs of the prototype have none."""
+        """Path of the reference protocol and the formulas of the answer; packs of the prototype lack this file."""
         return self.folder / "solution.py"
 
     def check_inside(self, *files: Path) -> None:

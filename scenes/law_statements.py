@@ -1,8 +1,8 @@
 """States the laws of a model in the language in which agents state them (`physment_mcp.contract.stated_laws`).
 
-A model has its laws as text, with the drawn constants (`scenes.model`). The statement gives the acceleration of each
-object; coordinates and velocities of hidden bodies become states. Constants are inserted and folded, and parts without
-effect are left out.
+A model contains its laws as text, with the drawn constants (`scenes.model`). The statement gives the acceleration of
+each object; coordinates and velocities of hidden bodies become states. Constants are inserted and folded, and parts
+without effect are left out.
 """
 
 import json

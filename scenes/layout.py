@@ -71,7 +71,7 @@ def not_laid_out(files: PackFiles) -> list[Path]:
 
 
 def _laid_out(files: PackFiles) -> dict[Path, str]:
-    """Return file → its formatted text, for the files that are not formatted."""
+    """Return the formatted text of each file that is not formatted."""
     found: dict[Path, str] = {}
     for file, lay in ((files.json, lay_out_json), (files.mjcf, lay_out_xml)):
         try:

@@ -78,8 +78,8 @@ class Pair:
     def laws(self, course: Course) -> Laws:
         """Return every structure, such as `oil, linear`, with masses near a first estimate from the course.
 
-        If all forces are linear, motions and steady speeds do not determine r, n, c and p separately. One resistance
-        then replaces all of them.
+        If all forces are linear, motions and steady speeds do not determine r, n, c and p separately, so r is not
+        fitted.
         """
         names = {
             f"{joint}, {drag}": [
@@ -119,7 +119,7 @@ class Pair:
         )
 
     def steady(self, structure: str, knobs: Knobs, speed: float) -> list[float]:
-        """Return the steady speed of the other body while one is kept at this speed, and the force that keeps it."""
+        """Return the steady speed of the other body while one body is kept at a speed, and the force that keeps it."""
         n, m, joint = float(knobs["n"]), float(knobs["m"]), JOINTS[structure.split(", ", maxsplit=1)[0]]
 
         def slip(other: float) -> float:

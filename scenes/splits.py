@@ -36,7 +36,7 @@ class Split:
 
 @functools.cache
 def splits() -> Mapping[str, Split]:
-    """Name → split.
+    """Return the splits by name.
 
     `train` and `validation` share scenes, with different seeds; `validation` also has scenes whose main idea `train`
     lacks. `test-seeds` has the scenes of `train`. The ideas and categories of `test-ideas` and `test-categories` occur

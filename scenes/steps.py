@@ -129,7 +129,7 @@ def fitted_strengths(
 
 
 def held_down(engine: Any, body: str, stiffness: float, asked_m: float, top_m: float) -> float:
-    """Return the force that holds a body at a distance below its start in the engine, without the device [N]."""
+    """Return the force that holds a body at a distance below its start in the engine, with a blocked device [N]."""
     hand, goal, down = 100 * stiffness, asked_m, 0.0
     free = engine.changed({"joint[device_joint].damping": 1e9, f"joint[{body}_joint].stiffness": hand})
     while abs(down - asked_m) > 1e-6:

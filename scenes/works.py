@@ -38,7 +38,7 @@ class Refit:
     """Upper bounds of the free constants; the lower ones are 0."""
 
     def plausible(self, number: int) -> Array:
-        """Return the constants, and draws that the points allow; shape (constants, at most 1 + number)."""
+        """Return the best constants, then random ones that the points allow; shape (constants, at most 1 + number)."""
         which, ranges = list(self.free), (np.zeros(len(self.free)), self.highest)
         best = self.constants[which]
         chosen, _ = plausible_constants(self.misfits, best, ranges, self.scale, number, _TRIALS)

@@ -125,7 +125,7 @@ def calibration_page(title: str, found: Calibration) -> str:
 
 
 def _ends(places: Sequence[Standing]) -> tuple[int, int]:
-    """Return whole logits that enclose all estimates and their 95 % intervals."""
+    """Return the ends, in whole logits, of a range that contains all estimates and their 95 % intervals."""
     low = min(place.logits - 1.96 * place.se for place in places)
     high = max(place.logits + 1.96 * place.se for place in places)
     return int(low // 1), int(-(-high // 1))

@@ -161,7 +161,7 @@ def _factor(speed: float) -> str:
 def _thinned(moments: Sequence[Moment], most: int) -> list[Moment]:
     """Keep every n-th frame and the last one, at most `most`.
 
-    Each kept frame also lasts for the omitted ones before it.
+    The duration of a kept frame includes the durations of the omitted frames before it.
     """
     every = -(-len(moments) // most)
     kept: list[Moment] = []

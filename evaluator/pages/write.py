@@ -85,7 +85,7 @@ def _count(number: int, noun: str) -> str:
 
 
 def _gap(turns: Sequence[ReferenceTurn]) -> range:
-    """Return the indices of the turns that are left out."""
+    """Return the indices of the turns that the page omits from an example."""
     return range(_FIRST_TURNS, len(turns) - _LAST_TURNS) if len(turns) > _TURNS else range(0)
 
 

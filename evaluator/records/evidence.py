@@ -126,7 +126,7 @@ class EvidenceVerdict(StrEnum):
 
 
 def evidence_verdict(evidence: EvidenceRecord, verdict: Verdict) -> EvidenceVerdict | None:
-    """Return the verdict on an episode's evidence; None if it is not measurable or the episode has no verdict."""
+    """Return the verdict on an episode's evidence; None if the evidence is not measurable or the answer unscored."""
     if evidence.not_measurable or verdict is Verdict.UNSCORED:
         return None
     if verdict is Verdict.CORRECT:

@@ -67,7 +67,11 @@ class Plan(OpenRecord):
     """Set if an adaptive test chose which episodes of the matrix to play; absent if all are played."""
 
     def matrix(self) -> list[EpisodeKey]:
-        """Return all episodes in playing order: a run that is stopped early has complete epochs and budgets."""
+        """Return all episodes in playing order.
+
+        Epochs are played one after the other, and budgets within an epoch, so a run that is stopped early has complete
+        ones.
+        """
         repetitions = product(range(1, self.epochs + 1), self.budgets, self.promptings, self.protocols)
         return [
             EpisodeKey(
@@ -204,7 +208,7 @@ class RunRecord(OpenRecord):
         return frozenset(start.server.tool_schema_hash for start in starts) - {""}
 
     def content_hashes(self) -> dict[str, str]:
-        """Return scene → hash of its pack's content, converting older records that hold hashes of bytes."""
+        """Return the content hash of each scene's pack; hashes of bytes in older records are converted."""
         return {scene: content_hash_of(stored) for scene, stored in self.packs.items()}
 
     def difference(self, other: "RunRecord") -> str:

@@ -64,7 +64,7 @@ async def write_tasks(
     """Write the rows of all splits as JSON lines, as Parquet if pyarrow is installed, and a data card.
 
     Args:
-        folder: Where to write; it exists.
+        folder: Existing folder to write to.
         laboratory: Plays the reference protocols.
         variants: The variants, with their keys.
         per_scene: Number of seeds of each scene.

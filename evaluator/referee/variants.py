@@ -150,7 +150,7 @@ class Variants:
         )
 
     def _certified(self) -> dict[int, SceneCertificate]:
-        """Scene → its certificate; empty for a folder without certificates."""
+        """The certificate of each scene; empty for a folder without certificates."""
         if self._certificates is None:
             found = read_certificates(self.keys.folder or default_folder())
             self._certificates = {one.scene: one for one in found.scenes} if found else {}

@@ -96,7 +96,7 @@ class _Looks:
             return JSONResponse(self.last)
 
     async def notebook(self, request: Request) -> Response:
-        """Return the notebook of an ended episode, which is named by its key as JSON."""
+        """Return the notebook of an ended episode. The query contains the key of the episode as JSON."""
         try:
             key = EpisodeKey.model_validate_json(request.query_params.get("key", ""))
             page = await anyio.to_thread.run_sync(functools.partial(self._notebook, key))

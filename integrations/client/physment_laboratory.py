@@ -1,7 +1,7 @@
 """Tool calls of an episode, one stateless POST each (MCP 2026-07-28). Standard library only.
 
-`Laboratory` is for code without an event loop. Code with one sends `request_of` with its own HTTP library and reads the
-reply with `result_of`.
+`Laboratory` is for synchronous code. Asynchronous code sends `request_of` with its own HTTP library and reads the reply
+with `result_of`.
 """
 
 import base64

@@ -80,7 +80,7 @@ class _Parser(SentenceParser):
 
 
 class _Versions(argparse.Action):
-    """Prints the versions and exits. Looking them up at each start would slow it."""
+    """Prints the versions and exits. They are looked up only here, because that takes time."""
 
     def __call__(self, parser: argparse.ArgumentParser, *_: object) -> NoReturn:
         print(f"physment-mcp {__version__}, MuJoCo {engine_version()}")

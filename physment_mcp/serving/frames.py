@@ -1,4 +1,4 @@
-"""Frames: images of the visible bodies, which a separate process renders and results carry.
+"""Frames: images of the visible bodies, which a separate process renders. Results of calls contain them.
 
 The process receives only what `visibility` permits. If it fails, results have no frame.
 """

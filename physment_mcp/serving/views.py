@@ -118,7 +118,7 @@ async def view_with(
     states: Sequence[Array] = (),
     read: Mapping[str, Reading] = _NONE,
 ) -> dict[str, Any] | None:
-    """Return the view after a finished call, or the current one; None if that fails. Arguments as for `view_of`."""
+    """Return the current view, for example after a call; None if that fails. Arguments as for `view_of`."""
     return await _made(lambda: view_of(session, find_visibility(session), states, read), "view")
 
 

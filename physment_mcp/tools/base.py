@@ -117,7 +117,7 @@ class Tool(Generic[A]):
 
 
 def _sentence(error: ValidationError, arguments: type[Arguments]) -> str:
-    """Describe what is wrong with each argument; an argument with several types gets its description instead."""
+    """Describe what is wrong with each argument; for an argument of several types, quote its description instead."""
     fields = arguments.model_fields
     problems: dict[str, str] = {}
     for detail in error.errors(include_url=False):

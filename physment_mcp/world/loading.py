@@ -163,7 +163,7 @@ def joint_slices(model: mujoco.MjModel, joint: int) -> tuple[slice, slice]:
 
 
 def _name_everything(spec: mujoco.MjSpec) -> None:
-    """Name the elements that the author did not name, because states are carried over by name."""
+    """Give names to the elements without one, because states are carried over by name."""
     for kind in ("bodies", "joints", "geoms", "equalities", "actuators"):
         for index, element in enumerate(getattr(spec, kind)):
             if not element.name:

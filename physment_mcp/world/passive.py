@@ -62,7 +62,7 @@ def data_of(model: mujoco.MjModel) -> mujoco.MjData:
 
 
 def _forget(address: int, laws: BoundLaws) -> None:
-    """Remove the laws of a freed model, and the callback after the last one."""
+    """Remove the laws of a freed model; if no laws remain, also remove the engine's callback."""
     with _LOCK:
         # A new model may already have the same address.
         if _LAWS.get(address) is laws:

@@ -165,7 +165,7 @@ class World(Simulation):
         return self._now().xfrc_applied[self._id(body), 3:].copy()
 
     def place(self, body: str, target: Array, obstacles: Mapping[str, str]) -> bool:
-        """Move the body's origin to a position. Velocities stay, and bodies jointed to it move along.
+        """Move the body's origin to a position. Velocities do not change, and bodies jointed to the body move with it.
 
         Args:
             body: The body.

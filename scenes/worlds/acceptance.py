@@ -150,7 +150,7 @@ class Maker:
 
 
 def _is_of(name: str, mark: str) -> bool:
-    """Return whether the name of a constant ends in the mark of a part: the indices of its term and modulation."""
+    """Return whether the name of a constant ends with the indices of a part: those of its term and modulation."""
     return name.endswith(mark) and name.removesuffix(mark).isalpha()
 
 
@@ -193,7 +193,7 @@ def _refuse_wild(structure: Structure, constants: Mapping[str, float], told: Sit
 
 
 class _Information:
-    """Information of a course about the answers. Source: Cramér-Rao bound."""
+    """Computes smallest standard errors of the answers from the readings of a course. Source: Cramér-Rao bound."""
 
     def __init__(
         self,

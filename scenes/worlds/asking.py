@@ -101,7 +101,7 @@ def _push(
     difficulty: Difficulty,
     rng: random.Random,
 ) -> Question:
-    """Draw a question for a force whose answer exceeds the limit."""
+    """Draw a `push` question. Its answer is a force above the limit of the laboratory."""
     situation = _question(structure, told, difficulty, "strong", rng)
     width = 2 if told.apparatus.flat else 1
     way = [0.0] * len(situation.push)

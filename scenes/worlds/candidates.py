@@ -90,7 +90,7 @@ class _Library:
 
 @dataclass
 class Candidates:
-    """Proposes terms and modulations to add to laws, from the residuals of the same legs.
+    """Proposes terms and modulations to add to laws, from the residuals of a fixed set of legs.
 
     Attributes:
         whitened: The legs.

@@ -106,7 +106,7 @@ def _agree(apparatus: Apparatus, forms: Sequence[Form], difficulty: Difficulty) 
 def _modulated(
     apparatus: Apparatus, forms: Sequence[Form], count: int, rng: random.Random
 ) -> list[tuple[str, ...]] | None:
-    """Draw the names of the modulations of each form; None if the forms allow fewer."""
+    """Draw the names of `count` modulations, distributed over the forms; None if the forms allow fewer."""
     own: list[list[str]] = [[] for _ in forms]
     places = [
         (at, part.name)
@@ -169,7 +169,7 @@ def draw_constant(bounds: Range, rng: random.Random) -> float:
 
 
 def searched(bounds: Range) -> tuple[float, float]:
-    """Return the search range of a constant in a fit: wider than its own, logarithmic if both ends are positive."""
+    """Return the range of a constant in fits: wider than in draws, and logarithmic if both ends are positive."""
     match bounds.scale:
         case "log":
             return 0.8 * bounds.low, 1.25 * bounds.high

@@ -117,7 +117,7 @@ class _Writer:
         return names | {f"o_{name}": f"b{3 - body}_{name}" for name in own if self.structure.bodies == 2}
 
     def terms(self) -> None:
-        """Generate the acceleration of each body: that by the applied force and that by each term."""
+        """Generate the acceleration of each body as a sum over the applied force and the terms."""
         for body in self.bodies:
             for axis, push in enumerate(self.pushes):
                 control = (body - 1) * len(self.pushes) + axis

@@ -117,7 +117,7 @@ def _linear(alone: Structure, constants: Mapping[str, Any], trials: int, sampled
 
 @functools.lru_cache(64)
 def _is_linear(structure: Structure) -> bool:
-    """Return whether there is one term, whose hidden body obeys equations linear in the states of both bodies."""
+    """Return whether the hidden body's equations of motion are linear in the states of both bodies."""
     rng = np.random.default_rng(0)
     one = rng.standard_normal(len(structure.states))
     states = np.column_stack([one, 2 * one, -one])

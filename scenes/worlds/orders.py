@@ -50,7 +50,7 @@ class WorldOrder:
         return hashlib.sha256(f"physment worlds 1: {self.secret}".encode()).hexdigest()
 
     def indexes(self, count: int, split: str | None = None, first: int = 0) -> list[int]:
-        """Return the specified indexes: consecutive ones, or the next ones of a split.
+        """Return `count` indexes of worlds from `first` on: consecutive ones, or the next ones of a split.
 
         Raises:
             WorldError: The split has fewer.
@@ -66,7 +66,7 @@ class WorldOrder:
         return found
 
     def missing(self, wanted: Sequence[int], folder: Path) -> list[int]:
-        """Return the specified indexes without a world in a folder.
+        """Return those of the wanted indexes for which a folder has no world.
 
         Raises:
             WorldError: The existing worlds cannot be read, or one of them has other settings.

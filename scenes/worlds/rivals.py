@@ -105,7 +105,7 @@ def _of_course(refits: Refits, fit: Fit) -> Mapping[str, float]:
 def _swapped(
     structure: Structure, constants: Mapping[str, float], at: int, name: str, rng: random.Random
 ) -> tuple[Structure, dict[str, float]]:
-    """Replace the form of a term in a structure; its constants are drawn, the others are kept."""
+    """Replace the form of a term in a structure. Constants of the new term are drawn, all others are unchanged."""
     kept = tuple(part for part in structure.terms[at].modulations if FORMS[name].group in MODULATIONS[part].fits)
     new = Term(name, kept)
     rest = [term for number, term in enumerate(structure.terms) if number != at]

@@ -2,8 +2,8 @@
 
 A step of the search adds a part, removes a part, or replaces a term. The score test selects the changes that are worth
 a fit: it computes how much of the residuals a term explains beyond the constants of the law, for many values of its
-constants at once. Fits are of legs (`weak_form`). Structures are compared by their evidence, which penalises constants
-and parts.
+constants at once. Structures are fitted leg by leg (`weak_form`). They are compared by their evidence, which penalises
+constants and parts.
 """
 
 import time
@@ -116,7 +116,7 @@ class Search:
         return self.found[structure]
 
     def extend(self, parts: int) -> None:
-        """Add parts to the best structure greedily, at most this many."""
+        """Add at most `parts` parts to the best structure, one after the other, by a greedy search."""
         for _ in range(parts):
             for structure, unit in self._candidates.more(self.best()[0], frozenset(), 2 * _OFFERS):
                 self.fit(structure, unit, _ROUNDS)

@@ -1,6 +1,6 @@
 """Parses the opening prompt of a world: apparatus, limits, instruments and questions.
 
-For players without a record. `scenes.worlds.tasks` writes these texts; a test compares both.
+For agents that do not have the record of the world. `scenes.worlds.tasks` writes these texts; a test compares both.
 """
 
 import re

@@ -39,11 +39,11 @@ class Term:
 
     @property
     def label(self) -> str:
-        """Its parts in words, such as `power drag * shelf`."""
+        """The parts of the term in words, such as `power drag * shelf`."""
         return " * ".join((self.form, *self.modulations))
 
     def ranges(self, at: int) -> dict[str, Range]:
-        """Return its constants, with names that contain an index of the term."""
+        """Return the ranges of the term's constants by name; the names contain the index of the term."""
         found = {name.replace("#", str(at)): bounds for name, bounds in self.kind.constants.items()}
         for number, part in enumerate(self.factors):
             found |= {name.replace("#", f"{at}m{number}"): bounds for name, bounds in part.constants.items()}
@@ -57,7 +57,7 @@ class Term:
         return let, force, factors
 
     def hidden_at(self, at: int) -> tuple[str, ...]:
-        """Return components of the acceleration of its hidden body, in local names; none without a hidden body."""
+        """Return components of the acceleration of the term's hidden body, in local names; none if it has none."""
         return tuple(text.replace("#", str(at)) for text in self.kind.hidden)
 
 
@@ -137,7 +137,7 @@ class Structure:
 
     @property
     def parts(self) -> tuple[tuple[int, int | None], ...]:
-        """Return the index of each term, with the index of each of its modulations, or None for the form."""
+        """Return each part as a pair: the index of its term, and the index of its modulation or None for the form."""
         return tuple(
             (at, number) for at, term in enumerate(self.terms) for number in (None, *range(len(term.modulations)))
         )
@@ -147,7 +147,7 @@ class Structure:
         return body == 1 or term.kind.group not in {"pair", "body"}
 
     def without(self, at: int, modulation: int | None) -> "tuple[Structure, Callable[[str], str | None]]":
-        """The structure without a term or a modulation, and the new name of each constant, or None if it is removed."""
+        """Return the structure without a part, and a function: constant → its new name, or None if it is removed."""
         kept = list(enumerate(self.terms))
         if modulation is None:
             kept = [(old, term) for old, term in kept if old != at]

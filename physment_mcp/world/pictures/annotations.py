@@ -65,7 +65,7 @@ class Optics:
 
 
 def round_length(metres: float) -> float:
-    """Return the largest number not above a length that is 1, 2 or 5 times a power of ten."""
+    """Round a length down to 1, 2 or 5 times a power of ten."""
     power = 10.0 ** np.floor(np.log10(metres))
     return float(power * max(step for step in (1, 2, 5) if step * power <= metres * (1 + 1e-9)))
 

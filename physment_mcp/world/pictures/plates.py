@@ -60,7 +60,7 @@ def _listed(names: Sequence[str]) -> str:
 
 
 def named_corners(model: mujoco.MjModel, boxes: Sequence[GeomBox], objects: Collection[str]) -> dict[str, Array]:
-    """Return object → corners of its drawn geoms."""
+    """Return, for each object, the corners of its drawn geoms."""
     found: dict[str, list[Array]] = {}
     for geom, corners, _ in boxes:
         name = model.body(int(model.geom_bodyid[geom])).name

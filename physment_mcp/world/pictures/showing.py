@@ -89,7 +89,7 @@ def _frame(data: mujoco.MjData, body: int) -> Array:
 
 
 def part_of(model: mujoco.MjModel, geom: int) -> Part:
-    """Return the name of a geom that is valid in every variant of the scene."""
+    """Identify a geom in every variant of the scene: the name of its body, and its number in the body."""
     body = int(model.geom_bodyid[geom])
     return model.body(body).name, geom - int(model.body_geomadr[body])
 
@@ -206,7 +206,7 @@ def fixtures(model: mujoco.MjModel, objects: Collection[str]) -> frozenset[str]:
 def turn_at_centre(model: mujoco.MjModel, data: mujoco.MjData, body: int) -> Array | None:
     """Return the orientation (4,) of a body's only geom, if its centre is the body's origin; otherwise None.
 
-    The position of such a body determines the place of its geom, whatever its orientation.
+    The position of such a body determines the position of its geom, whatever its orientation.
     """
     first = int(model.body_geomadr[body])
     if int(model.body_geomnum[body]) != 1 or np.any(np.round(model.geom_pos[first], 9)):

@@ -59,7 +59,7 @@ class Studio:
         """Render the model (HEIGHT, WIDTH, 3).
 
         Args:
-            count: Number of frames that are averaged. Each has another light position and a subpixel shift, which
+            count: Number of frames that are averaged. Each has a different light position and subpixel shift, which
                 gives soft shadows and smooth edges.
         """
         mujoco.mjv_updateScene(
