@@ -163,7 +163,7 @@ def reward(scene: int, seed: int, answer: JsonValue, scenes_dir: Path | None = N
     Args:
         scene: Id of the scene.
         seed: Variant of the scene.
-        answer: The agent's answer, unchanged, for example `OpenEpisode.answer`; None for an episode without one.
+        answer: The agent's answer, unchanged, for example `OpenEpisode.answer`; None if it gave none.
         scenes_dir: Folder of scene packs; the suite by default.
 
     Raises:

@@ -301,7 +301,7 @@ class Session:
     # What an object looks like
 
     def describe(self, item: LabObject) -> dict[str, object]:
-        """Return the static attributes of an object that the agent may read, by name; a withheld one is None.
+        """Return the static attributes of an object that the agent may read, by name; withheld ones are None.
 
         Keys: type, density [kg/m³], mass [kg], size (full edge lengths) [m], radius [m], position [m], orientation.
         """

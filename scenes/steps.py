@@ -173,7 +173,7 @@ class LateParts:
     least: float
     """Smallest deformation that determines the stiffness of a late support [m, rad]."""
     times: int
-    """Number of points at which it must be reached."""
+    """Number of points at which this deformation must be reached."""
 
     def known(self, constants: Array, points: Array) -> Array:
         """Return the constants without the stiffnesses of late supports that are still unknown."""

@@ -1,1 +1,1 @@
-"""Films: replays of stored episodes whose visible content is kept in small files."""
+"""Films: replays of stored episodes, whose visible content is stored in small files."""

@@ -69,8 +69,8 @@ class Plan(OpenRecord):
     def matrix(self) -> list[EpisodeKey]:
         """Return all episodes in playing order.
 
-        Epochs are played one after the other, and budgets within an epoch, so a run that is stopped early has complete
-        ones.
+        Epochs are played one after the other, and the budgets of an epoch too, so a run that is stopped early has
+        complete epochs and budgets.
         """
         repetitions = product(range(1, self.epochs + 1), self.budgets, self.promptings, self.protocols)
         return [

@@ -176,6 +176,6 @@ class Curricula:
             return {"pool": found.pool, **asdict(found.window), "steps": found.steps}
 
     def reset(self, name: str) -> None:
-        """Delete a curriculum. A later one of the same name starts at the easiest step."""
+        """Delete a curriculum. A later curriculum of the same name starts at the easiest step."""
         with self._lock:
             self._named.pop(name, None)

@@ -60,7 +60,7 @@ def variant_of(wanted: WantedEpisode, *, held_back: bool, folder: Path | None = 
 
 
 def next_variant(variant: Variant) -> Variant:
-    """Return the variant of the same scene at the next seed of its split. The variant must have an index in one.
+    """Return the variant of the same scene at the next seed of its split. The variant must have an index.
 
     Raises:
         RefusedRequest: It was the last seed of the split.

@@ -8,7 +8,7 @@ from evaluator.statistics.intervals import Interval, mean_interval
 
 
 class AttemptPoint(Record):
-    """pass@k and pass^k at one k, as means over scenes."""
+    """pass@k and pass^k for one value of k, as means over scenes."""
 
     k: int
     pass_at_k: float

@@ -310,7 +310,7 @@ def _frames(episode: Episode) -> Iterator[Frame]:
 
 
 def _damage(line: bytes) -> str:
-    """The reason why a line is not a valid episode record; empty if it is one."""
+    """The reason why a line is not a valid episode record; empty if it is valid."""
     try:
         Episode.model_validate_json(line)
     except ValidationError as error:

@@ -1,6 +1,6 @@
 """The chat loop inside the worker: a rollout starts no process, and each call of a tool is one POST to the host.
 
-A module of its own, because verifiers finds a harness by the name of its package.
+It is a separate module, because verifiers finds a harness by the name of its package.
 """
 
 import contextlib

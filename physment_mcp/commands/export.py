@@ -33,7 +33,7 @@ def add(commands: Commands) -> None:
 
 
 def _scenes(text: str) -> list[list[int] | str]:
-    """Parse scene numbers, and keep references to worlds as they are written."""
+    """Parse scene numbers; references to worlds are returned as written."""
     return [part.strip() if part.strip().startswith("world:") else numbers(part) for part in text.split(",")]
 
 

@@ -80,7 +80,7 @@ def app_page() -> types.ReadResourceResult:
 
 
 def view_page(view: Mapping[str, Any] | None) -> types.ReadResourceResult:
-    """Return a view as the content of a resource; an empty one if nothing is visible."""
+    """Return a view as the content of a resource; an empty view if nothing is visible."""
     text = json.dumps(view or {"time": 0.0, "drawing": {"bodies": []}, "poses": {}})
     content = types.TextResourceContents(uri=VIEW_URI, mime_type="application/json", text=text)
     return types.ReadResourceResult(contents=[content], ttl_ms=0, cache_scope="private")

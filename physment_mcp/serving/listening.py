@@ -27,7 +27,7 @@ _BACKLOG = 1024
 
 _GC_THRESHOLDS = (2_000, 5, 50)
 """GC thresholds: generation 0 after 2,000 allocations (1 to 2 ms), generation 1 after 5 collections of generation 0
-(5 ms), generation 2 after 50 of generation 1 (kinds `slow readers`, `steps of 60 s broken off`)."""
+(5 ms), generation 2 after 50 of generation 1 (attacks `slow readers`, `steps of 60 s broken off`)."""
 _M_MMAP_THRESHOLD, _LARGE = -3, 128 * 1024
 """The parameter of glibc's `mallopt`, and the size of a block from which it is allocated by mmap [bytes]."""
 

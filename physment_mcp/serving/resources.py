@@ -1,6 +1,6 @@
 """The resources that MCP clients can read: the scenes, the open scene, the state of its episode, the measurements.
 
-They contain only information that the agent has already received. Reading one is not a call, and changes nothing.
+They contain only information that the agent has already received. Reading them changes nothing and is not a call.
 """
 
 import base64

@@ -1,4 +1,4 @@
-"""The slot for one episode in a server: the open episode, how to open another, and the call log.
+"""The slot for one episode in a server: the open episode, how to open another episode, and the call log.
 
 The log serves the agent itself and the program that opened the episode. External programs report nothing to the
 evaluator, so the evaluator grades their episodes by this log. Depends on sessions and MCP results; contains no MCP
@@ -103,7 +103,7 @@ class CallLog:
         return self.size > MAX_EPISODE_BYTES
 
     def page_from(self, first: int) -> Sequence[LoggedCall]:
-        """Return the calls from an index on that fit on a page; at least one if there is one.
+        """Return the calls from an index on that fit on a page; at least one call if there are any.
 
         Args:
             first: Index in `calls`, from 0.

@@ -224,7 +224,7 @@ class Simulation:
         return _Motion(now.xpos.copy(), np.array(speeds))
 
     def _disturb(self, before: _Motion) -> None:
-        """Record which bodies were moved or got another velocity by the last change."""
+        """Record which bodies the last change moved or gave a different velocity."""
         after = self._motion()
         moved = (before.places != after.places).any(axis=1)
         turned = ~np.isclose(before.velocities, after.velocities, rtol=1e-12, atol=1e-12).all(axis=1)

@@ -85,7 +85,7 @@ def gradients(
 
     Args:
         structure: The terms of the law.
-        constants: The first trial is the point; in each other one, one coordinate is larger by `shift`.
+        constants: The first trial is the point; in each other trial, one coordinate is larger by `shift`.
         shift: The increment of each coordinate.
         asked: The questions.
         longest_s: Longest step of the integration [s].
@@ -188,7 +188,7 @@ def _ended(
 
     Args:
         structure: The terms of the law.
-        constants: A value for each situation; those of one question are next to each other.
+        constants: A value for each situation; the situations of a question are adjacent.
         asked: The questions.
         push: Constant forces; shape (controls, situations).
         longest_s: Longest step of the integration [s].

@@ -124,11 +124,11 @@ def _modulated(
 
 
 def options_with(structure: Structure, form: str, count: int, rng: random.Random) -> tuple[str, ...]:
-    """Return names of forms in random order: one of the structure, and others that are neither in it nor similar.
+    """Return names of forms in random order: `form`, and forms that are not similar to one of the structure.
 
     Args:
         structure: The terms of the law.
-        form: The form of one of them.
+        form: The form of one of the terms.
         count: Number of options.
         rng: The random stream.
     """

@@ -1,6 +1,7 @@
 """Generates packs from records of worlds, in a cache on disk.
 
-With a certificate the pack is complete. Without one it is like an exported pack: only the public half and the model.
+With a certificate, the pack is complete. Without a certificate, it contains only the public half and the model, as an
+exported pack does.
 """
 
 import contextlib

@@ -113,7 +113,7 @@ class Structure:
 
     @functools.cached_property
     def states(self) -> tuple[str, ...]:
-        """Names of the state variables: readable ones, then hidden bodies, then the path length."""
+        """Names of the state variables: first the readable ones, then those of hidden bodies and the path length."""
         names = ("x", "y", "vx", "vy") if self.apparatus.flat else ("q", "u")
         found = [f"b{body}_{name}" for body in range(1, self.bodies + 1) for name in names]
         found += [f"h{at}_{name}" for at in self.hidden for name in names]
@@ -143,7 +143,7 @@ class Structure:
         )
 
     def acts_on(self, term: Term, body: int) -> bool:
-        """Return whether a term acts on a body. Terms of pairs and with hidden bodies act on the first one only."""
+        """Return whether a term acts on a body. Terms of pairs and with hidden bodies act on the first body only."""
         return body == 1 or term.kind.group not in {"pair", "body"}
 
     def without(self, at: int, modulation: int | None) -> "tuple[Structure, Callable[[str], str | None]]":

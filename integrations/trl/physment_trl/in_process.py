@@ -34,7 +34,7 @@ class InProcessPhysMent(LaboratoryEnvironment):
         """Open an episode.
 
         Raises:
-            ValueError: The row names its variant in another way, or names none.
+            ValueError: The row does not name its variant by scene and seed, or by split and index.
         """
         scene, seed = _variant(wanted)
         return LocalEpisode(scene, seed, wanted, self._worth, self._scenes_dir)
@@ -58,7 +58,7 @@ class LocalEpisode:
     """An open episode of this process."""
 
     def __init__(self, scene: int, seed: int, wanted: dict[str, Any], worth: Worth, scenes_dir: Path | None) -> None:
-        """Open it.
+        """Open an episode in this process.
 
         Args:
             scene: Id of the scene.

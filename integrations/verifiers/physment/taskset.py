@@ -104,7 +104,7 @@ class PhysmentTask(vf.Task[PhysmentData, LaboratoryState, PhysmentTaskConfig]):
         return found.reward
 
     async def validate(self, runtime: vf.Runtime) -> bool:
-        """Return whether the reference protocol solves this variant. No model plays, so the episode is closed."""
+        """Return whether the reference protocol solves this variant. Its open episode is closed: no model plays it."""
         del runtime
         if self._checked is not None:
             await asyncio.to_thread(self._referee().close, self._checked.episode_id, self._checked.owner_token)

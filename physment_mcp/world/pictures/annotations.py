@@ -129,7 +129,8 @@ def _cost(gap: int, spot: Box, thing: Box, size: tuple[int, int], used: Sequence
 def _misleads(spot: Box, thing: Box, others: Sequence[Box]) -> bool:
     """Return whether a label seems to belong to another object than its own.
 
-    The edge of the other object is less than `_GAPS[0]` farther away than that of its own, or its centre is nearer.
+    This is so if the edge of another object is less than `_GAPS[0]` farther away than the edge of its own object, or
+    if the centre of another object is nearer.
     """
     edges, middles = _distance(spot, thing) + _GAPS[0], float(np.hypot(*np.subtract(middle(thing), middle(spot))))
     return any(

@@ -45,7 +45,7 @@ class McpSession:
 
 
 def main(url: str, file: str) -> None:
-    """Make all calls; stop at the first refused one."""
+    """Make all calls; stop at the first refused call."""
     laboratory = McpSession(url)
     for call in json.loads(Path(file).read_text(encoding="utf-8")):
         result = laboratory.ask("tools/call", {"name": call["tool"], "arguments": call["arguments"]})
