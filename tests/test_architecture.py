@@ -161,7 +161,7 @@ def imports_between(sources: Mapping[str, str], folder: str) -> dict[str, set[st
 
 
 def circle_in(graph: Mapping[str, set[str]]) -> tuple[str, ...]:
-    """Return a circle of imports, with its first name repeated at the end; empty if there is none."""
+    """Return a cycle of imports, with its first name repeated at the end; empty if there is none."""
     done: set[str] = set()
 
     def visit(name: str, trail: tuple[str, ...]) -> tuple[str, ...]:

@@ -125,7 +125,7 @@ def test_all_topics_of_the_paper_occur_among_the_concepts() -> None:
 
 
 def test_the_published_dimensions_are_compared_with_the_measured_ones() -> None:
-    """The rows of G, V, R and G′ must round the values of the table computed from the logs."""
+    """The values of G, V, R and G′ must be the rounded values of the table that is computed from the logs."""
     table = (DOCS / "explanation" / "failure-modes.md").read_text(encoding="utf-8")
     for number, name in ((96, "G"), (97, "V"), (98, "R"), (99, "G′")):
         found = re.search(rf"^\| mean {name} .*$", table, re.MULTILINE)

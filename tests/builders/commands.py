@@ -53,6 +53,6 @@ def _reading(stdin: io.StringIO) -> Generator[None]:
 
 
 def heed_signals() -> None:
-    """Restore the default signal handling in a started program, because nohup and background jobs ignore signals."""
+    """Restore the default signal handling in a started program; started by nohup, it would inherit ignored signals."""
     signal.signal(signal.SIGHUP, signal.SIG_DFL)
     signal.signal(signal.SIGINT, signal.SIG_DFL)

@@ -54,7 +54,7 @@ def record_of(run: RunFolder, key: EpisodeKey) -> str:
 
 
 def file_of(run: RunFolder, key: EpisodeKey) -> Path:
-    """The file of the film of an episode."""
+    """Return the path of an episode's film."""
     return film_file(run.path, record_of(run, key))
 
 

@@ -41,7 +41,7 @@ def learned(page: str, updates: int, *options: str) -> tuple[Shares, Shares]:
 
 
 def main() -> int:
-    """Train both as their pages do, the policy for a shorter time; returns 0 if they are better than random play."""
+    """Run the programs of both tutorials, one with fewer updates; returns 0 if both are better than random play."""
     right = True
     for page, updates, scenes in ((POLICY, UPDATES, (7, 9)), (NETWORK, 600, (7, 9, 10, 11, 12, 64))):
         trained, limits = learned(page, updates)

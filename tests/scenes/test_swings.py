@@ -54,7 +54,7 @@ SWING = Swing(
 
 
 def _read(calls: list[Call], state: Array, held: float) -> tuple[list[dict[str, Any]], Array, float]:
-    """Return readings of a glider on a spring: a swing about F / (m w), in closed form."""
+    """Return readings of a glider on a spring, which oscillates about F / (m w), in closed form."""
     found: list[dict[str, Any]] = []
     for asked in calls:
         if asked.tool == "apply_force":

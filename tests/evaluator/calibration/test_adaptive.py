@@ -1,4 +1,4 @@
-"""Adaptive tests: choices by information, simulated takers, and recorded runs."""
+"""Tests of adaptive testing: the choice of scenes by information, simulated takers, and recorded runs."""
 
 import json
 import math

@@ -26,13 +26,13 @@ FORMULA = {
 
 @pytest.fixture
 def files(author: Author) -> PackFiles:
-    """The template, which asks for the mass of a cart."""
+    """A scene made from the template of Easy scenes, which asks for the mass of a cart."""
     return author.write(Category.EASY_SINGLE)
 
 
 @pytest.fixture
 def formula(author: Author, files: PackFiles) -> PackFiles:
-    """The template, with the acceleration as a function of the force as its answer."""
+    """A scene whose answer is a formula: the acceleration of a cart as a function of the force."""
     author.edit(files, lambda pack: pack.update(answer="F / 2", answer_spec=FORMULA))
     author.replace(files.json, "What is its mass, in kg?", "What is its acceleration under a force, in m/s\\u00b2?")
     author.replace(

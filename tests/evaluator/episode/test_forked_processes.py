@@ -31,7 +31,7 @@ def children_of(parent: int) -> list[int]:
 
 
 def forking() -> list[int]:
-    """Return the processes of this test run that fork."""
+    """Return the fork servers that this test run has started."""
     found = children_of(os.getpid())
     return [process for process in found if b"fork-server" in Path(f"/proc/{process}/cmdline").read_bytes()]
 

@@ -74,7 +74,7 @@ def test_a_report_shows_them_unless_they_are_left_out_or_the_packs_are_others(
 
 
 def folder_of_two_scenes(path: Path) -> Path:
-    """A run folder with the baselines' episodes of two scenes, as the package keeps them."""
+    """A run folder with the baselines' episodes of two scenes, as the package stores them."""
     run = baseline_run()
     assert run is not None
     plan = run.record.plan.model_copy(update={"scenes": (7, 9)})

@@ -1,6 +1,6 @@
 # The optional library is not in the environment in which types are checked.
 # pyright: reportMissingImports=false
-"""Tests that the Parquet file of a run holds every exchange, and that another program reads it."""
+"""Tests that the Parquet file of a run contains every exchange, and that another program can read it."""
 
 import json
 from importlib.util import find_spec

@@ -1,4 +1,4 @@
-"""Tests of paired tests against published examples and each other."""
+"""Tests of the statistical tests of paired runs, against published examples and each other."""
 
 import itertools
 

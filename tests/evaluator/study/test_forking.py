@@ -146,7 +146,7 @@ def test_a_replay_that_differs_is_refused_with_its_place(
 def test_a_reply_that_is_now_refused_as_a_whole_is_no_evidence(
     source: Path, tmp_path: Path, host_url: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """An edited record, whose reply is too long to be run."""
+    """The record is edited, so that it contains a call that is too long to be run."""
     copy = RunFolder(shutil.copytree(source, tmp_path / "run"))
     lines = [json.loads(line) for line in copy.episode_lines()]
     for line in lines:

@@ -97,7 +97,7 @@ def test_each_kind_of_difference_is_reported_with_its_place(stored: Episode) -> 
 
 
 async def test_a_reply_that_is_now_refused_as_a_whole_is_a_difference(stored: Episode) -> None:
-    """An edited record, whose reply is too long to be run."""
+    """The record is edited, so that it contains a call that is too long to be run."""
     long = call("answer", answer="x" * 2_000_000)
     turns = list(stored.turns)
     exchanges = tuple(one.model_copy(update={"call": long}) for one in turns[0].exchanges)

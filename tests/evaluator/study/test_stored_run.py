@@ -1,7 +1,7 @@
 """Tests that a run folder from before content hashes loads, grades, replays and resumes as before.
 
 That version of the code played, graded and summarised `stored_run`, which is never regenerated. The folder names packs
-by hashes of their bytes. `stored_packs` holds these packs, so that the suite may replace them.
+by hashes of their bytes. `stored_packs` contains these packs, so that the suite may replace them.
 """
 
 import json
@@ -36,7 +36,7 @@ OPTIONS = ["--agent", "reference", "--agent", "random", "--scenes", "7,21,27,101
 
 @pytest.fixture(scope="module")
 def host_url() -> Generator[str]:
-    """The address of a host of the stored packs."""
+    """The address of a host that serves the stored packs."""
     command = [sys.executable, "-m", "physment_mcp", "serve", "--port", "0", "--end-with-stdin", *FROM]
     with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as process:
         assert process.stdout is not None

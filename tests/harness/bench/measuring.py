@@ -26,7 +26,7 @@ class Row(NamedTuple):
 
 
 async def compare(what: str, ours: Timed, theirs: Timed, rounds: int, aim: float) -> Row:
-    """Time two functions in turn, after one round to warm up; the row holds the medians.
+    """Time two functions in turn, after one round to warm up; the row contains the medians.
 
     Args:
         what: Text of the row.

@@ -167,7 +167,7 @@ def _host(notes: Path) -> Generator[str]:
 
 
 def _versions_posted(notes: Path) -> frozenset[str]:
-    """The protocol versions of tool calls; the header did not exist before 2025-06-18."""
+    """Return the protocol versions in the headers of tool calls; versions before 2025-06-18 have no such header."""
     posts = [json.loads(line) for line in notes.read_text().splitlines()] if notes.exists() else []
     # Other requests come from the evaluator, which calls no tool.
     return frozenset(post["version"] or "2025-03-26" for post in posts if post["method"] == "tools/call")

@@ -121,9 +121,8 @@ def _answer(row: int, ramp: int, verdict: str) -> list[str]:
 def _matted(mjcf: str) -> NDArray[np.uint8]:
     """Render the model from the front without a background, as RGBA (height, width, 4).
 
-    It is rendered on white and on black. Pixels that agree are opaque; pixels that are white on white and black on
-    black
-    are background.
+    It is rendered on white and on black. Pixels that are equal in both renderings are opaque; pixels that have the
+    colour of the background in both are transparent.
     """
     model, data = staged(mjcf)
     height, width = STRIP_HEIGHT * FINE * 2, STRIP_WIDTH * FINE * 2

@@ -1,4 +1,4 @@
-"""The README shows a real episode: the tests regenerate its transcript and its picture's caption, and compare them."""
+"""Tests that the README shows a real episode: its transcript and the caption of its picture are regenerated."""
 
 import re
 import xml.etree.ElementTree as ET

@@ -42,7 +42,7 @@ class Failure:
     calls: Sequence[Call]
 
     def write(self, folder: Path) -> Path:
-        """Write it into a folder; returns the file."""
+        """Write the failure into a folder; returns the file."""
         folder.mkdir(parents=True, exist_ok=True)
         path = folder / f"scene{self.scene}-seed{self.seed}-{self.problem.kind.replace(' ', '-')}.json"
         path.write_text(json.dumps(asdict(self), indent=1) + "\n", encoding="utf-8")

@@ -133,7 +133,7 @@ async def long_steps(target: Target) -> None:
 
 
 async def _filled(target: Target, calls: int, max_calls: int | None = None) -> dict[str, str]:
-    """Open an episode whose log holds this many calls."""
+    """Open an episode, and make calls until its log contains this many."""
     episode = await opened(target.port, max_calls=max_calls)
     connection = await Connection.dial(target.port)
     for _ in range(calls):

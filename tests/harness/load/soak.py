@@ -41,7 +41,7 @@ _PATIENCE_S = 60.0
 
 @dataclass(frozen=True)
 class Sample:
-    """The state of the host at the end of some wall time, and the honest calls in it."""
+    """The state of the host at the end of a sampling interval, and the honest calls in the interval."""
 
     time_s: float
     memory_mb: float
@@ -147,7 +147,7 @@ def _cells(sample: Sample) -> list[str]:
 
 
 def report(seen: Soaked, console: Console) -> bool:
-    """Print the rises and the problems; returns whether all is well."""
+    """Print the rises and the problems; returns whether there are no problems."""
     table = Table(title="Rise after the warm-up, as a share of the mean", box=None)
     for title in ("quantity", "rise", "at most"):
         table.add_column(title, justify="left" if title == "quantity" else "right")

@@ -12,7 +12,7 @@ from physment_openenv import PhysmentAction, PhysmentEnv
 
 
 def next_call(model: str, messages: list[dict[str, Any]], tools: list[dict[str, Any]]) -> dict[str, Any]:
-    """The model's next message, which holds one call."""
+    """Return the model's next message, which contains one call."""
     described = [
         {"name": tool["name"], "description": tool["description"], "parameters": tool["input_schema"]} for tool in tools
     ]

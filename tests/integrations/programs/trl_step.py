@@ -31,7 +31,7 @@ LONGEST = 16384
 
 
 def tokenizer_of(text: str) -> Any:
-    """A byte-level tokenizer made from the text that it will read, with the chat template of Qwen 3 that TRL holds."""
+    """A byte-level tokenizer made from the text that it will read, with TRL's copy of the chat template of Qwen 3."""
     made = Tokenizer(models.BPE())
     made.pre_tokenizer, made.decoder = pre_tokenizers.ByteLevel(add_prefix_space=False), decoders.ByteLevel()
     alphabet = pre_tokenizers.ByteLevel.alphabet()

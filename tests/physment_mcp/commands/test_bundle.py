@@ -56,7 +56,7 @@ def test_the_manifest_promises_what_is_in_the_bundle(unpacked: Path, manifest: d
 
 
 async def test_an_unpacked_bundle_plays_a_scene(unpacked: Path, manifest: dict[str, Any], tmp_path: Path) -> None:
-    """Started as the application does, but with this interpreter instead of uv's."""
+    """Starts the bundle as the application does, but with this interpreter instead of uv's."""
     words = [
         word.replace("${__dirname}", str(unpacked)).replace("${user_config.seed}", "20")
         for word in manifest["server"]["mcp_config"]["args"]

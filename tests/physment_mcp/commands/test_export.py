@@ -108,7 +108,7 @@ def test_an_exported_suite_says_nothing_private(exported: Path) -> None:
 def test_no_private_field_of_a_pack_is_exported(
     write_pack: WritePack, pack: dict[str, Any], xml: str, tmp_path: Path
 ) -> None:
-    """Every private field, and one unknown to the format, gets a text that is then searched for."""
+    """Each private field, and one field that the format does not define, gets a text that must not be exported."""
     public = {
         "objects", "object_permissions", "number_of_objects", "answer_spec", "disabled_tools", "soft_objects", "format",
         "limits", "instruments", "steps", "schematic",

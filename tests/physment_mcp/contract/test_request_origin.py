@@ -1,4 +1,4 @@
-"""Tests of pages that only this machine may request."""
+"""Tests of the middleware that refuses requests whose Host header does not name this machine."""
 
 import httpx
 import pytest

@@ -1,4 +1,4 @@
-"""Tests that a body that is not a JSON-RPC message gets one short sentence, and every valid message is accepted."""
+"""Tests that every JSON-RPC message is accepted, and any other body is refused with one short sentence."""
 
 import json
 

@@ -151,7 +151,7 @@ async def test_pieces_are_as_long_as_usual_again_when_others_have_made_no_reques
 
 
 class WatchedTraffic(Scheduler):
-    """A scheduler that counts waits for other episodes."""
+    """A scheduler that counts how often it waits for other episodes."""
 
     waits = 0
 

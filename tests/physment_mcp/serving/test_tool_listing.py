@@ -1,4 +1,4 @@
-"""Tests of the tools as text: every tool with all its arguments and results, their types and units."""
+"""Tests of the text that lists the tools: every tool with all its arguments and results, their types and units."""
 
 import re
 from typing import Any

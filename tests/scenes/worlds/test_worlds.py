@@ -1,4 +1,4 @@
-"""Tests of worlds: made, cached, opened and verified, the same on every machine, and without a key in a laboratory."""
+"""Tests of making, caching, opening and verifying worlds; a laboratory gets no key of a world."""
 
 import json
 import random

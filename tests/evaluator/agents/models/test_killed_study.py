@@ -21,7 +21,7 @@ WORDS = ("--scenes", ",".join(map(str, SCENES)), "--budgets", "2,5", "--concurre
 
 
 class Physicist:
-    """A stateless model that steps, reads, and answers with the speed it read. Signals a chosen request."""
+    """A stateless model that steps, reads, and answers with the speed it read. Sets an event at a chosen request."""
 
     def __init__(self) -> None:
         self._asked = 0

@@ -1,6 +1,6 @@
 """Compares the failure detectors and the links of numbers with manual labels of the authors' published logs.
 
-`labels.json` holds only ids and labels. For an episode: agent, scene, epoch, the stratum it was sampled from, and the
+`labels.json` contains only ids and labels. For an episode: agent, scene, epoch, the stratum of the sample, and the
 failure modes that a reader saw. For a number: agent, scene, epoch, turn, position, and whether it was read from a
 result. The logs and packs are not in this repository; PHYSMENT_ORIGINAL names the folder that contains them.
 """
