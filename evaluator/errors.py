@@ -6,8 +6,8 @@ EvaluatorError
 ├─ AgentError             the agent cannot continue                      → recorded as the episode's outcome
 ├─ RefusedRequest         the referee refuses a request                  → an HTTP response with its status
 └─ InfrastructureError    server or connection failed                    → the episode is retried, never scored wrong
-   ├─ ServerFull          … and has no place for another episode          → a referee answers 429
-   └─ PermanentFailure    … and a retry cannot help                      → the agent's other episodes are not played
+   ├─ ServerFull          server is at its limit of open episodes        → a referee answers 429
+   └─ PermanentFailure    a retry cannot help                            → the agent's other episodes are not played
 """
 
 from typing import TYPE_CHECKING

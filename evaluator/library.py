@@ -143,7 +143,7 @@ def _versions(scene: int, scenes_dir: Path | None) -> Versions:
 
 
 def grade(episode: Episode, scenes_dir: Path | None = None) -> GradeRecord:
-    """Compare the answer of an episode with the key of its scene and seed.
+    """Compare the answer of an episode with the answer key of its scene and seed.
 
     Args:
         episode: An episode that was played or loaded.
@@ -158,7 +158,7 @@ def grade(episode: Episode, scenes_dir: Path | None = None) -> GradeRecord:
 def reward(scene: int, seed: int, answer: JsonValue, scenes_dir: Path | None = None) -> AnswerReward:
     """Return the reward of an answer, for a training loop that plays in its own process.
 
-    Keys are cached, so a second request for the same variant takes about 0.1 ms.
+    Answer keys are cached, so a second request for the same variant takes about 0.1 ms.
 
     Args:
         scene: Id of the scene.

@@ -38,7 +38,7 @@ _UNREAD = "Invalid JSON syntax"
 
 @dataclass(frozen=True, slots=True)
 class LoggedVerdict:
-    """The verdict in a log: the answer, the key, and whether the answer was marked right."""
+    """The verdict in a log: the answer, the answer key, and whether the answer was marked right."""
 
     answer: str
     key: str

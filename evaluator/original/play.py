@@ -83,7 +83,7 @@ def why_other_verdict(
     Args:
         logged: The verdict and the answer in the log.
         answer: The answer that this project parsed from the same replies; None if there was none.
-        key: The key of the pack.
+        key: The answer key of the pack.
         strict: This project's strict verdict.
         normalised: This project's normalised verdict.
     """
@@ -193,7 +193,7 @@ async def play_logs(
     Args:
         logs: The logs.
         laboratory: Serves the authors' packs.
-        keys: The keys of the same packs.
+        keys: The answer keys of the same packs.
         names: Scene → title, of the same packs.
         versions: Scene → versions to record.
         jobs: Largest number of logs replayed concurrently.

@@ -126,7 +126,7 @@ class OpenedEpisode:
 
 @dataclass(frozen=True, slots=True)
 class Reward:
-    """Reward of an episode. It contains no key and no reason, because a reason may state the key."""
+    """Reward of an episode. It contains no answer key and no reason, because a reason may state the key."""
 
     reward: float
     answer: AnswerReward

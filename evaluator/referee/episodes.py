@@ -94,7 +94,7 @@ class Referee:
     """Limits grading to one thread, because a key may need the engine and records are appended to a file."""
 
     def __post_init__(self) -> None:
-        """Create the `Variants` object, which selects variants and provides their keys."""
+        """Create the `Variants` object, which selects variants and provides their answer keys."""
         self.variants = Variants(self.keys, self.record, self.difficulties)
 
     async def listed(self, wanted: WantedVariants) -> VariantPage:

@@ -18,7 +18,7 @@ class Recording:
     """Number of records per combination of scene, seed, budget and prompting. It gives the epoch of the next record."""
 
     def numbered(self, key: EpisodeKey) -> EpisodeKey:
-        """Return the key to record, with an epoch that no other episode gets, even if two are graded concurrently."""
+        """Return the episode key to record, with an epoch that is unique even if two are graded concurrently."""
         cell = key.scene, key.seed, key.budget, key.prompting
         self._played[cell] += 1
         return key.model_copy(update={"epoch": self._played[cell]})

@@ -208,7 +208,7 @@ def _briefing(briefing: Briefing) -> dict[str, Any]:
 
 
 def _reward(found: Reward) -> dict[str, Any]:
-    """Convert a reward to JSON. The reason of the grade is omitted, because it may state the key."""
+    """Convert a reward to JSON. The reason of the grade is omitted, because it may state the answer key."""
     return {
         "reward": found.reward,
         "strict": found.grade.strict.value,

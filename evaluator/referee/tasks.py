@@ -66,7 +66,7 @@ async def write_tasks(
     Args:
         folder: Existing folder to write to.
         laboratory: Plays the reference protocols.
-        variants: The variants, with their keys.
+        variants: The variants, with their answer keys.
         per_scene: Number of seeds of each scene.
         scenes: The scenes to write; None for all.
 

@@ -21,7 +21,7 @@ from scenes import ErratumEffect, default_folder, find_pack, is_world, pack_hash
 
 @dataclass(frozen=True, slots=True)
 class PoolFacts:
-    """Public facts about a scene; none of them depends on a key."""
+    """Public facts about a scene; none of them depends on an answer key."""
 
     scene: int
     world: str | None
@@ -85,7 +85,7 @@ class Variants:
         return self.curricula.draw(curriculum, pool, steps_of(pool, self.difficulties), random_seed)
 
     def key(self, variant: Variant, wanted: WantedEpisode, agent: str) -> EpisodeKey:
-        """Return the key under which an episode is recorded.
+        """Return the episode key under which an episode is recorded.
 
         Raises:
             RefusedRequest: The variant has no answer key, or its scene is withdrawn, so it must not be played.

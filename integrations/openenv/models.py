@@ -1,4 +1,4 @@
-"""The messages: actions, observations and the state of an episode. None contains a seed, a key or a token."""
+"""The messages: actions, observations and the state of an episode. None contains a seed, an answer key or a token."""
 
 from typing import Any
 

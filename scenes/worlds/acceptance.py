@@ -57,7 +57,7 @@ _SHARPER_LOOKS, _SHARPER_NOISE = 1.4, 1.7
 
 @dataclass(frozen=True, slots=True)
 class DrawnWorld:
-    """A world with its questions and their key."""
+    """A world with its questions and their answers."""
 
     structure: Structure
     constants: Mapping[str, float]

@@ -63,7 +63,7 @@ def find_record(level: int, index: int, folder: Path) -> WorldRecord:
 
 
 def find_certificate(record: WorldRecord, folder: Path) -> Certificate | None:
-    """The certificate of a world; None in a folder without keys.
+    """The certificate of a world; None in a folder without answer keys.
 
     Raises:
         WorldError: A line is not a certificate.

@@ -43,7 +43,7 @@ def pack_of(record: WorldRecord, certificate: Certificate | None) -> Pack:
 
     Args:
         record: The world.
-        certificate: Contains the key; None for a laboratory, which does not need it.
+        certificate: Contains the answer key; None for a laboratory, which does not need it.
     """
     apparatus, structure = record.apparatus, record.structure
     numbers = [asked_of(apparatus, question) for question in record.questions]

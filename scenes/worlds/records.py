@@ -1,9 +1,9 @@
-"""Records of accepted worlds: one line of JSON each, with keys and certificates in separate files.
+"""Records of accepted worlds: one line of JSON each, with answer keys and certificates in separate files.
 
-`level-5.jsonl` contains the data of the packs, `level-5.keys.jsonl` the key and the certificate of each line. A record
-names the version of the grammar and the settings of its draw. Its certificate contains the hash of the record. In a
-published set both files begin with a line that contains the canary of the suite, and certificates are in the folder
-`keys`, so that a laboratory can be installed without them.
+`level-5.jsonl` contains the data of the packs, `level-5.keys.jsonl` the answer key and the certificate of each line. A
+record names the version of the grammar and the settings of its draw. Its certificate contains the hash of the record.
+In a published set both files begin with a line that contains the canary of the suite, and certificates are in the
+folder `keys`, so that a laboratory can be installed without them.
 """
 
 import hashlib
@@ -116,7 +116,7 @@ class WorldRecord(_Line):
 
 
 class Certificate(_Line):
-    """The key and certificate of a world, for graders only."""
+    """The answer key and the certificate of a world, for graders only."""
 
     index: int
     record: str

@@ -32,7 +32,7 @@ _CHANCE = math.erfc(EXCLUDED_SIGMAS / math.sqrt(2))
 
 
 def rival_of(refits: Refits, asked: Sequence[Question], key: Array, before: Fit | None = None) -> Fit | None:
-    """Find a structure that explains a course as well as the drawn one but gives other answers; None without one.
+    """Find a structure that explains a course as well as the true structure but gives other answers, if there is one.
 
     Args:
         refits: The readings of the drawn world.
@@ -49,7 +49,7 @@ def rival_of(refits: Refits, asked: Sequence[Question], key: Array, before: Fit 
 
 
 def _as_good(rivals: Iterator[Fit], drawn: Fit) -> Iterator[Fit]:
-    """Return the fits that the rule of `scenes.family` does not exclude in comparison with the drawn law."""
+    """Return the fits that the rule of `scenes.family` does not exclude in comparison with the true law."""
     for fit in rivals:
         spared = max(len(drawn.unit) - len(fit.unit), 1)
         if fit.chi_square - drawn.chi_square <= float(chdtri(float(spared), _CHANCE)):
@@ -57,7 +57,7 @@ def _as_good(rivals: Iterator[Fit], drawn: Fit) -> Iterator[Fit]:
 
 
 def _right(fit: Fit, asked: Sequence[Question], key: Array) -> bool:
-    """Return whether a rival gives all answers of the key."""
+    """Return whether all answers by a rival law are right by the answer key."""
     found = answers(fit.structure, named(fit.structure, fit.unit[:, None]), asked, _STEP_S)[:, 0]
     return bool((np.abs(found - key) <= tolerance(key)).all())
 
