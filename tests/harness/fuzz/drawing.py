@@ -145,7 +145,7 @@ class _Drawing:
         return f"ball{self.source.randrange(1000)}{'-_'[self.source.randrange(2)] * length}"
 
     def _number(self, schema: Any) -> float:
-        """Draw a number within the bounds: a usual one, one of any magnitude, or a bound."""
+        """Draw a number within the bounds: a usual value, a value of any magnitude, or a bound."""
         low = schema.get("minimum", schema.get("exclusiveMinimum", -1e6))
         high = schema.get("maximum", 1e6)
         kind = self.source.random()
@@ -202,7 +202,7 @@ class _Drawing:
         return vector
 
     def spoil(self, arguments: dict[str, Any]) -> None:
-        """Make one argument invalid, drop one, or add one."""
+        """Make an argument invalid, remove an argument, or add unknown arguments."""
         ways: list[Callable[[dict[str, Any]], None]] = [self._replace] * 5 + [self._drop, self._add, self._spoil_part]
         self.source.choice(ways)(arguments)
 

@@ -254,7 +254,7 @@ async def sessions(target: Target) -> None:
 
 
 async def streams(target: Target) -> None:
-    """Keep streams for server messages open, each in a session of its own."""
+    """Keep streams for server messages open, each in a separate session."""
     path = (await opened(target.port))["path"]
     target.begun.set()
 

@@ -86,7 +86,7 @@ class Compared:
 
 @contextlib.asynccontextmanager
 async def attacking(port: int, kind: str) -> AsyncGenerator[dict[str, int]]:
-    """Attack a host from another process; at the end of the context, the yielded dictionary holds its counts."""
+    """Attack a host from another process; at the end of the context, the yielded dictionary contains its counts."""
     words = ["-m", "tests.harness.load.attacks", str(port), kind]
     process = await asyncio.create_subprocess_exec(
         sys.executable, *words, stdin=asyncio.subprocess.PIPE, stdout=asyncio.subprocess.PIPE

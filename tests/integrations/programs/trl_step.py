@@ -2,9 +2,9 @@
 
 trl_step.py MODEL BACKEND GENERATIONS BUDGET ROW...    prints a line of JSON; a row of the dataset is JSON, too
 
-The model has random weights. With MODEL `random` it samples for itself. With an address, the server there says what
-the first half of each group samples, as tokens of this model; the second half answers 0 at once. TRL does all the rest:
-prompts, parsing, tool calls, rewards, advantages, and the step of the optimiser.
+The model has random weights. With MODEL `random` it samples its replies. If MODEL is an address, the server there
+supplies the replies of the first half of each group, and the second half answers 0 in its first reply. TRL does
+everything else: prompts, parsing, tool calls, rewards, advantages, and the step of the optimiser.
 """
 
 import json

@@ -10,7 +10,7 @@ LINES = 5000
 
 @pytest.mark.parametrize("read", [True, False])
 def test_lines_are_written_or_lost_and_never_waited_for(read: bool) -> None:
-    """Writes 5000 lines of 200 characters, far more than a pipe holds."""
+    """Writes 5000 lines of 200 characters, far more than a pipe can buffer."""
     source = f"""
 import logging
 from physment_mcp.commands.program import NonBlockingLog

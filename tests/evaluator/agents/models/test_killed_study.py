@@ -1,4 +1,4 @@
-"""Tests that a study of a model, killed twice during its requests, ends with the results of an undisturbed one."""
+"""Tests that a study of a model, killed twice during its requests, ends with the results of an undisturbed study."""
 
 import json
 import os
