@@ -23,7 +23,7 @@ STAMPS = {
     "evaluator/episode/loop.py": {"play_episode"},
     "evaluator/referee/episodes.py": {"_open_one"},
     "evaluator/study/runner.py": {"unplayed", "write"},
-    "evaluator/study/provenance.py": {"run_record"},
+    "evaluator/study/run_start.py": {"run_record"},
     "evaluator/watch/app.py": {"_look"},
     "evaluator/commands/playing.py": {"create_folder"},
     "evaluator/commands/play.py": {"_play"},

@@ -14,9 +14,10 @@ from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 from evaluator.errors import UsageError, reason_of
+from evaluator.records.calibration import Calibration
 from evaluator.records.episode import Choice, EpisodeKey
 from evaluator.statistics.ability import (
     Ability,
@@ -27,9 +28,6 @@ from evaluator.statistics.ability import (
     scene_likelihood,
 )
 from scenes import PackFiles, same_pack
-
-if TYPE_CHECKING:
-    from evaluator.calibration.results import Calibration
 
 DIFFICULTIES = Path(__file__).with_name("difficulties.json")
 """The calibration that ships with the package."""
@@ -51,7 +49,7 @@ class DifficultyTable(NamedTuple):
         return same_pack(self.packs.get(files.scene_id, ""), files)
 
 
-def read_calibration(file: Path = DIFFICULTIES) -> "Calibration":
+def read_calibration(file: Path = DIFFICULTIES) -> Calibration:
     """Read a `calibration.json`.
 
     Raises:
@@ -67,9 +65,7 @@ def _content(file: Path) -> bytes:
         raise UsageError(f"{file} cannot be read as a calibration: {reason_of(error)}") from error
 
 
-def _parsed(file: Path, content: bytes) -> "Calibration":
-    from evaluator.calibration.results import Calibration  # noqa: PLC0415 - loads scipy, which no other run needs
-
+def _parsed(file: Path, content: bytes) -> Calibration:
     try:
         return Calibration.model_validate_json(content)
     except ValueError as error:

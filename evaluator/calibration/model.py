@@ -23,6 +23,7 @@ from scipy.optimize import minimize
 
 from evaluator.calibration.responses import Responses
 from evaluator.certify.records import SceneCertificate, read_certificates
+from evaluator.records.calibration import Spreads
 from evaluator.statistics.ability import ABILITY_SD, normal_grid
 from scenes import Pack, default_folder, find_pack, read_pack
 
@@ -33,15 +34,6 @@ _RESTS, _DEVIATIONS = 25, 9
 """Number of grid points for rests and for deviations."""
 _CHANGE = 1e-4
 """Step of the finite differences for the curvature [logits]."""
-
-
-class Spreads(NamedTuple):
-    """Standard deviations of the random effects [logits]."""
-
-    scene: float
-    """Standard deviation of the difficulties of scenes that their features do not explain."""
-    variant: float
-    """Standard deviation of variants around their scene; 0 if no scene has two variants."""
 
 
 @dataclass(frozen=True, slots=True)

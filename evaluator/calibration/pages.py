@@ -4,7 +4,7 @@ from collections.abc import Iterator, Sequence
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
-from evaluator.calibration.results import LEVELS, Calibration, Standing
+from evaluator.records.calibration import LEVELS, Calibration, Standing
 from evaluator.report.export import markdown, shown
 from evaluator.report.tables import Cell, Table
 

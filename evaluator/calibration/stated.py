@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from evaluator.calibration.adaptive import DIFFICULTIES, read_calibration
-from evaluator.calibration.results import QUANTILE
+from evaluator.records.calibration import QUANTILE
 from scenes import PackFiles, same_pack
 
 _FAR = 2.0

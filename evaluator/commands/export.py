@@ -19,7 +19,7 @@ from evaluator.scores.scoring import read_graded
 from evaluator.store.durable import replace
 from evaluator.store.run_folder import RunFolder
 from evaluator.study.integrity import seal_note
-from evaluator.study.provenance import run_record
+from evaluator.study.run_start import run_record
 from evaluator.study.selection import parse_scenes
 
 _DESCRIPTION = """\

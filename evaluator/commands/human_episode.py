@@ -23,7 +23,7 @@ from evaluator.scores.scored_episode import ScoredEpisode
 from evaluator.scores.scoring import grade_run
 from evaluator.store.run_folder import RunFolder
 from evaluator.study.integrity import seal_note
-from evaluator.study.provenance import run_record, server_record
+from evaluator.study.run_start import run_record, server_record
 from scenes import PackFiles
 from scenes.public import read_public
 

@@ -40,7 +40,7 @@ from evaluator.referee.requests import app
 from evaluator.store.redaction import Redaction
 from evaluator.store.run_folder import RunFolder
 from evaluator.study.integrity import Sealing, read_seed_key
-from evaluator.study.provenance import run_record, server_record
+from evaluator.study.run_start import run_record, server_record
 from evaluator.study.selection import parse_scenes
 from physment_mcp.contract.addresses import is_loopback
 from scenes import PackFiles, default_folder

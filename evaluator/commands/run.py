@@ -24,9 +24,10 @@ from evaluator.commands.telemetry import require_otel
 from evaluator.errors import UsageError
 from evaluator.records.episode import EpisodeKey
 from evaluator.records.run import SEED_SHIFT, AdaptivePlan, Plan, SeedProofs
+from evaluator.study.meter import Meter
 from evaluator.study.participants import participants_of
 from evaluator.study.ray_executor import require_ray
-from evaluator.study.run_config import Meter, RunConfig
+from evaluator.study.run_config import RunConfig
 from evaluator.study.shards import WHOLE, Shard
 from scenes import USUAL_TIMESTEP_S, PackError, PackFiles, default_folder, timestep_of
 

@@ -15,7 +15,7 @@ from evaluator.agents.recorded import RecordedAgent, exchange_difference, play_a
 from evaluator.episode.connect import EpisodeConnector
 from evaluator.errors import InfrastructureError
 from evaluator.records.episode import Episode, EpisodeKey, Exchange, Outcome, Record
-from evaluator.study.provenance import server_record
+from evaluator.study.run_start import server_record
 
 REL_TOL = 1e-9
 """Largest difference between numbers that count as equal, relative to the larger one."""

@@ -18,7 +18,7 @@ from evaluator.errors import InfrastructureError, PermanentFailure
 from evaluator.records.episode import Episode, EpisodeKey, Outcome, Usage, Versions, total_usage
 from evaluator.records.run import RunningEpisode, RunningEpisodes
 from evaluator.store.run_folder import RunFolder
-from evaluator.study.run_config import Meter
+from evaluator.study.meter import Meter
 
 _EVERY_S = 1.0
 """Time between two writes of the file [s]."""

@@ -10,7 +10,7 @@ import pytest
 
 from evaluator.calibration.adaptive import EXPOSED, AdaptiveTest, read_difficulties
 from evaluator.calibration.model import Spreads
-from evaluator.calibration.results import Calibration, SceneStanding
+from evaluator.records.calibration import Calibration, SceneStanding
 from evaluator.records.episode import EpisodeKey
 from evaluator.statistics.ability import (
     SceneDifficulty,

@@ -12,8 +12,9 @@ from scipy.stats import norm
 from evaluator.calibration.model import FEATURES, _Posterior, features_of, fit
 from evaluator.calibration.pages import calibration_page, calibration_tables, calibration_text, person_item_map
 from evaluator.calibration.responses import counted_responses, responses
-from evaluator.calibration.results import DETECTED, Calibration, calibrate, components
+from evaluator.calibration.results import calibrate, components
 from evaluator.errors import UsageError
+from evaluator.records.calibration import DETECTED, Calibration
 from evaluator.records.episode import GradeRecord, Verdict
 from evaluator.store.run_folder import RunFolder
 from tests.builders.commands import physment_eval

@@ -475,6 +475,17 @@ except SystemExit:
     assert "play recorded episodes again" in done.stdout
 
 
+def test_commands_that_play_nothing_load_neither_mcp_nor_the_optimisers_of_scipy() -> None:
+    code = """
+import sys
+import evaluator.commands.compare, evaluator.commands.grade, evaluator.commands.merge, evaluator.commands.report
+import evaluator.commands.scenes
+sys.exit(" ".join({"mcp", "mujoco", "scipy.optimize"} & set(sys.modules)) or 0)
+"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr) == (0, "")
+
+
 @pytest.mark.parametrize("name", COMMANDS)
 def test_a_listed_command_is_declared_by_its_module(name: str, capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit) as end:

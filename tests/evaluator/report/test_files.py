@@ -17,7 +17,7 @@ from evaluator.report.notebook import pictures
 from evaluator.report.page import PAGES, render, write_report
 from evaluator.scores.scoring import grade_run
 from evaluator.store.run_folder import RunFolder
-from evaluator.study.provenance import run_record
+from evaluator.study.run_start import run_record
 from scenes import default_folder, find_pack, pack_hash
 from tests.builders.reports import PNG, played, run_of
 

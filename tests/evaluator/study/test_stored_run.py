@@ -23,8 +23,8 @@ from evaluator.records.run import RunRecord
 from evaluator.report.notebook import pictures
 from evaluator.scores.dimensions import SCORING_VERSION
 from evaluator.store.run_folder import RunFolder
-from evaluator.study.provenance import server_record
 from evaluator.study.replay import differences, replay, without_added
+from evaluator.study.run_start import server_record
 from scenes import find_pack, pack_hash, same_packs
 
 STORED = Path(__file__).parent / "stored_run"

@@ -124,7 +124,7 @@ NOBODY = """
 import anyio
 from evaluator.study.participants import participants_of
 from evaluator.study.run_config import RunConfig
-from evaluator.study.provenance import run_record
+from evaluator.study.run_start import run_record
 from evaluator.study.ray_executor import ray_workers
 from evaluator.records.run import Plan, ServerRecord
 from scenes import find_pack
