@@ -247,7 +247,7 @@ class Session:
     def answer(
         self, answer: object, steps: Mapping[str, object] | None = None, law: Mapping[str, object] | None = None
     ) -> None:
-        """Record the answer and what was stated with it; this ends the episode."""
+        """Record the answer, and the quantities and the law stated with it; this ends the episode."""
         self.state = replace(self.state, answer=answer, steps=steps, law=law, answered=True)
 
     def add(self, object_id: str, body: str) -> None:
@@ -298,7 +298,7 @@ class Session:
             self.state = state
             raise
 
-    # What an object looks like
+    # Attributes of objects
 
     def describe(self, item: LabObject) -> dict[str, object]:
         """Return the static attributes of an object that the agent may read, by name; withheld ones are None.

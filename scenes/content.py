@@ -139,7 +139,7 @@ def _tree(node: Any) -> Any:
         return ["Constant", ascii(node.value)]
     if not isinstance(node, ast.AST):
         return node
-    # Newer versions add fields, which are empty where the source uses nothing new.
+    # Newer versions of Python add fields. They are empty if the source uses no new syntax.
     fields = {name: _tree(value) for name, value in ast.iter_fields(node) if value is not None and value != []}
     if isinstance(node, ast.JoinedStr):
         # Python 3.12 adds empty texts to the formats in f-strings.

@@ -122,7 +122,7 @@ def _refuse_large(size: float, most: float) -> None:
 _OPERATORS = {"+": "add", "-": "sub", "*": "mul", "/": "truediv", "//": "floordiv", "%": "mod", "negative": "neg"}
 _DRAWS = Language(
     signs=SIGNS | {"//", "in", "not in", "[", "]", "'"},
-    # These keep a whole number whole, which an item of a list needs.
+    # These functions return an int for an int, so that the result can be an index of a list.
     functions={**FUNCTIONS, "abs": (abs, 1, 1), "floor": (math.floor, 1, 1), "min": (min, 1, 20), "max": (max, 1, 20)},
     operators={sign: _on_numbers(getattr(operator, name)) for sign, name in _OPERATORS.items()}
     | {"**": _on_numbers(_power)},
@@ -140,7 +140,7 @@ def _draw(knob: Knob, stream: str) -> KnobValue:
         return _six_digits(low * (high / low) ** source.random())
     if knob.choice is not None:
         return knob.choice[int(source.random() * len(knob.choice))]
-    # Python promises to keep only random() the same between versions, so shuffle() is not used.
+    # shuffle() is not used, because Python guarantees equal results in all versions only for random().
     keyed = sorted((source.random(), place) for place in range(len(knob.permutation or ())))
     return tuple((knob.permutation or ())[place] for _, place in keyed)
 

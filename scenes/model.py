@@ -175,9 +175,9 @@ def _find_element(root: ET.Element, path: str) -> ET.Element:
         if match is None:
             raise _TargetError("write targets as tag[name].attribute, or tag[name]/tag[name].attribute")
         tag, name = match["tag"], match["name"]
-        # The first step is looked for everywhere, and the others directly in what was found before.
+        # The first step may match any element of the model, each further step a child of the elements found before.
         inside = [child for element in found for child in (element.iter(tag) if number == 0 else element.findall(tag))]
-        # An entry of a tendon has no name of its own, and elsewhere a reference is not a name.
+        # In further steps, an entry of a tendon is identified by the element that it refers to.
         naming = _NAMING[:1] if number == 0 else _NAMING
         found = [element for element in inside if name is None or name in map(element.get, naming)]
     if len(found) != 1:
@@ -186,7 +186,7 @@ def _find_element(root: ET.Element, path: str) -> ET.Element:
 
 
 def _remove(root: ET.Element, element: ET.Element) -> None:
-    # ElementTree elements do not know their parents. An element inside a removed one is already out of the tree.
+    # ElementTree elements have no reference to their parents. A child of a removed element is not in the tree any more.
     for parent in root.iter():
         if element in list(parent):
             parent.remove(element)

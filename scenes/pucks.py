@@ -1,4 +1,4 @@
-"""Pushes a puck over a floor with unknown laws, fits the laws and predicts. For reference protocols of open worlds."""
+"""Pushes a puck over a floor, fits its laws and predicts the answer. Used by reference protocols of open worlds."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -30,7 +30,7 @@ _SIZES = (0.25, 0.5, 0.75, 1.0)
 
 @dataclass(frozen=True, slots=True)
 class PuckFloor:
-    """Pushes the puck, fits its laws and predicts, in SI units."""
+    """Pushes the puck, fits its laws and predicts the answer, in SI units."""
 
     laws: Laws
     """The state begins with x, y, vx and vy; the controls are the forces along x and y; one of the constants is `m`."""

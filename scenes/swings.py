@@ -1,4 +1,4 @@
-"""Drives a body to increasing swings without reaching a catch, and predicts from them. Used by reference protocols.
+"""Drives a body to increasing swings without reaching a catch, and fits its laws. Used by reference protocols.
 
 A solution defines its controls and readings (`Rig`), its laws, a simplified law for planning, and an objective for
 planned paths. `Swing` increases a push until the body moves. Then it repeats: fit the simplified law to the course so
@@ -119,7 +119,7 @@ def _coasts(_: Course) -> Sequence[tuple[float, float]]:
 
 @dataclass(frozen=True, slots=True)
 class Swing:
-    """Drives the body, fits its laws and predicts."""
+    """Drives the body, fits its laws and predicts the answer."""
 
     rig: Rig
     model: Predictor

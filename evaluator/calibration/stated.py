@@ -27,7 +27,7 @@ class StatedDifficulty:
 
     @property
     def word(self) -> str:
-        """Difficulty relative to the average scene; `average or …` if the difference is below 1.96 standard errors."""
+        """Difficulty compared with the average scene, such as `far harder`; `average or harder` if not significant."""
         side = "harder" if self.logits > 0 else "easier"
         if abs(self.logits) < QUANTILE * self.se:
             return f"average or {side}"

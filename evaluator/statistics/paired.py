@@ -21,7 +21,7 @@ class PairedTest(StrEnum):
 
 
 class PairedDifference(Record):
-    """The gain of the second of two verdicts over the first, on the same episodes."""
+    """The gain in accuracy of the second of two verdicts over the first, on the same episodes."""
 
     n: int
     """Pairs: the denominator of both accuracies."""

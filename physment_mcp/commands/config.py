@@ -71,7 +71,7 @@ def add(commands: Commands) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Print the configuration entry on stdout, and the file that it belongs to on stderr.
+    """Print the configuration entry on stdout, and the name of the file that it belongs to on stderr.
 
     Raises:
         SceneError: There is no such scene.

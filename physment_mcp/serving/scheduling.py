@@ -89,7 +89,7 @@ class Turns:
         allowed_s: float = _ALLOWED_S,
         quiet_s: float = _QUIET_S,
     ) -> None:
-        """Create the turns of one episode.
+        """Create the turns in which the requests of one episode are served.
 
         Args:
             scheduler: Shared by the episodes of a host; None for an episode alone.

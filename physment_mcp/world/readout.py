@@ -214,11 +214,11 @@ class Sensors(NamedTuple):
         return noise
 
     def _joint_noise(self, quantity: Quantity, body: str) -> Array:
-        """Noise (1,) of a body's turn about its hinge."""
+        """Noise (1,) of a body's rotation about its hinge at this step."""
         return self.readout.noise(quantity, f"{body}:joint", self.step, 1)
 
     def _pair_noise(self, quantity: Quantity, first: str, second: str) -> Array:
-        """Noise (3,) of a vector of a contact."""
+        """Noise (3,) of a vector quantity of a contact at this step."""
         own = self.readout.noise(quantity, _pair(first, second), self.step, 3)
         return own + (self._noise(quantity, first) + self._noise(quantity, second))
 

@@ -93,7 +93,7 @@ def compatible(apparatus: Apparatus, forms: Sequence[Form]) -> bool:
 
 
 def _agree(apparatus: Apparatus, forms: Sequence[Form], difficulty: Difficulty) -> bool:
-    """Return whether forms make a world: they are compatible, and one of them is dissipative."""
+    """Return whether forms suffice for a world: they are compatible, and one of them is dissipative."""
     groups = [form.group for form in forms]
     return (
         compatible(apparatus, forms)

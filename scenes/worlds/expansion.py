@@ -76,7 +76,7 @@ def find_world(scene_id: int, folder: Path) -> PackFiles:
     try:
         record = find_record(*place_of(scene_id), folder)
         certificate = find_certificate(record, folder)
-        _cache().mkdir(mode=0o700, parents=True, exist_ok=True)  # packs hold keys
+        _cache().mkdir(mode=0o700, parents=True, exist_ok=True)  # packs contain answer keys
         kept = _cache() / f"{record.digest}-{certificate.digest if certificate else 'public'}"
         return expand(record, kept, certificate)
     except WorldError as error:

@@ -1,4 +1,4 @@
-"""Reference protocols for worlds, which push, fit and predict.
+"""Reference protocols for worlds, which push the bodies, fit a law and predict the answers.
 
 `protocol` gets the structure of a world but not its constants. It shows that a world can be solved within its limits;
 `solution.py` of a pack contains the record and calls it. `blind_protocol` gets only the prompt and the grammar.

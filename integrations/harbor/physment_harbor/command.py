@@ -73,7 +73,7 @@ def add(family: argparse.ArgumentParser) -> None:
 
 def _write(args: argparse.Namespace) -> int:
     _, packs, seeds = select(args.split, args.scenes, args.seeds, args.scenes_dir)
-    # Numbered, because the name of a folder must not tell the seed.
+    # Folders are numbered, because their names must not reveal the seed.
     variants = [
         (f"scene{files.scene_id}-{number}", files.scene_id, seed)
         for files in packs

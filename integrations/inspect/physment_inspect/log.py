@@ -156,7 +156,7 @@ def score_of(episode: Episode, grade: Grade) -> Score:
 
 
 def _usage(used: Usage) -> model.ModelUsage:
-    # Inspect counts tokens from the cache apart from other input tokens; our records include them.
+    # Inspect counts tokens from the cache separately; the input tokens of our records include them.
     return model.ModelUsage(
         input_tokens=used.input_tokens - used.cached_tokens,
         output_tokens=used.output_tokens,
@@ -171,7 +171,7 @@ def _messages(episode: Episode) -> Iterator[model.ChatMessage]:
     for number, turn in enumerate(episode.turns, start=1):
         yield from _turn(number, turn)
         if number < len(episode.turns):
-            # Each return has a message of its own. The rest has the words of the text protocol.
+            # Each result is a separate message. All other feedback is worded as in the text protocol.
             yield model.ChatMessageUser(content=feedback_text(Feedback((), turn.note, episode.allowance - number)))
 
 

@@ -158,7 +158,7 @@ class _Player:
         state = self.agent.state
         if feedback is not None:
             state.messages += _returns(self.last, feedback.exchanges)
-            # Each return has a message of its own. The rest has the words of the text protocol.
+            # Each result is a separate message. All other feedback is worded as in the text protocol.
             rest = feedback_text(Feedback((), feedback.note, feedback.remaining))
             state.messages.append(ChatMessageUser(content=rest))
         try:
@@ -226,7 +226,7 @@ def _usage(output: ModelOutput) -> Usage | None:
     if used is None:
         return None
     cached = used.input_tokens_cache_read or 0
-    # Inspect counts tokens from the cache apart from other input tokens; our records include them.
+    # Inspect counts tokens from the cache separately; the input tokens of our records include them.
     return Usage(
         input_tokens=used.input_tokens + cached,
         output_tokens=used.output_tokens,

@@ -29,7 +29,7 @@ class McpSession:
         """The result of a request."""
         self._number += 1
         text = self._send({"jsonrpc": "2.0", "id": self._number, "method": method, "params": params})
-        # A reply is one JSON object, or a stream of events, of which the last holds it.
+        # A reply is one JSON object, or a stream of events, the last of which contains the object.
         lines = [line.removeprefix("data:") for line in text.splitlines() if line.startswith(("data:", "{"))]
         found = [message for message in map(json.loads, filter(str.strip, lines)) if message.get("id") == self._number]
         if not found or "result" not in found[0]:
