@@ -27,7 +27,7 @@ FOLDER = ROOT / "integrations"
 PLUGINS = [FOLDER / "harbor", FOLDER / "inspect"]
 """Packages that are installed beside ours, and import our public names."""
 CLIENTS = sorted({path.parent for path in FOLDER.glob("*/pyproject.toml")} - set(PLUGINS))
-"""Packages that have requirements of their own, hold no key, and import nothing of ours."""
+"""Packages that have separate requirements, contain no key, and import none of our packages."""
 IN_PROCESS = FOLDER / "trl" / "physment_trl" / "in_process.py"
 """The one module of a client that plays without a host, by public names; the package offers it as an extra."""
 OURS = {"physment_mcp", "evaluator", "scenes", "mujoco"}

@@ -230,7 +230,7 @@ def test_every_change_of_a_value_changes_the_hash(
     assert pack_hash(edited) != pack_hash(files)
 
 
-# Hashes of bytes, which older records hold
+# Hashes of bytes, which older records contain
 
 
 def test_the_table_holds_all_packs_as_they_were_when_hashes_were_of_bytes() -> None:

@@ -56,7 +56,7 @@ def test_constants_of_which_the_readings_tell_the_sum_are_drawn_with_this_sum() 
 
 
 def test_draws_that_the_readings_contradict_are_rejected() -> None:
-    # A line that bends after a place b by a slope k; at best k is 0, so that to first order b may be anything.
+    # A line whose slope changes by k at the position b. The best k is 0, so b is undetermined to first order.
     def misfits(p: Array) -> Array:
         return (p[0] * PLACES + p[1] * np.maximum(PLACES - p[2], 0.0) - 2 * PLACES) / SIGMA
 

@@ -108,7 +108,7 @@ def test_the_best_of_several_starts_is_followed_to_its_end() -> None:
 
 
 LATE = LateParts(lambda part, points: points[0] - part[2], least=0.001, times=2)
-"""Parts that bear once the first coordinate is beyond their gap."""
+"""Parts that carry load once the first coordinate exceeds their gap."""
 
 
 def test_parts_that_were_hardly_pressed_are_not_known() -> None:

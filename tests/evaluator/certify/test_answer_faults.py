@@ -178,7 +178,7 @@ def test_words_that_are_no_option_are_wrong_whatever_the_key(answer: str) -> Non
     assert {verdict_of(answer, key) for key in keys} == {WRONG}
 
 
-# What a run says of a key that nothing can be compared with.
+# Errors of a run whose key cannot be compared with any answer.
 def test_a_run_of_a_pack_with_a_bad_key_is_refused_with_one_sentence(
     author: Author, files: PackFiles, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -167,7 +167,7 @@ def test_a_fault_of_the_lightest_of_many_draws_is_found(author: Author, files: P
 
 
 def test_readings_that_contradict_one_another_are_found(author: Author, files: PackFiles) -> None:
-    # So stiff and so damped that the integrator cannot follow: places rest while speeds do not.
+    # The law is too stiff and too damped for the integrator: positions stay constant while speeds do not.
     stiff = "m * (24000 * (1.1 * sign(x) - x) - 700 * vx) if gate_vx > 0.5 else 0"
     author.edit(files, lambda pack: pack.update(laws=held_by(stiff)))
     wide = {**LATCH, "holds": {"object_1_x": [-1e300, 1e300]}}

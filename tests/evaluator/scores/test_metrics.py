@@ -228,7 +228,7 @@ def test_a_whole_run_computed_by_hand() -> None:
     assert (overall.g, overall.n_numbers) == (None, 1)
     assert overall.v == pytest.approx((2 / 3) / 3)
     assert overall.r == pytest.approx(1 / 3)
-    # Of four turns, the second of the first episode and the only one of the second say nothing.
+    # Of four turns, two have no text: the second turn of the first episode and the only turn of the second.
     assert overall.silent_turns == pytest.approx(2 / 4)
     assert overall.unread_turns == 1
     assert overall.n_defined == {

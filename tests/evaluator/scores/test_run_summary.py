@@ -187,7 +187,7 @@ def test_conditions_with_several_attempts_at_each_scene_have_pass_at_k() -> None
     )
     (found,) = summary.attempts
     assert (found.agent, found.budget, found.attempts.n_scenes, found.attempts.tries) == ("x", 20, 12, 4)
-    # One of four attempts succeeds on every scene: half of the pairs of attempts hold it.
+    # One of four attempts succeeds on every scene; it is in half of the pairs of attempts.
     assert [(point.k, point.pass_at_k, point.pass_hat_k) for point in found.attempts.points] == [
         (1, 0.25, 0.25),
         (2, 0.5, 0),

@@ -163,7 +163,7 @@ async def test_running_episodes_are_named_with_their_turn_and_the_file_is_gone_a
             run.look()
             (one,) = state_of(run, datetime.now(UTC))["running"]
             assert (one["name"], one["turn"], one["call"]) == ("7 Speed of a dropped ball", 2, "step")
-            # A run that was killed tells nothing any more.
+            # If the file has not changed for some time, the run counts as killed and no episode as running.
             assert state_of(run, datetime.now(UTC) + timedelta(minutes=1))["running"] == []
         tasks.cancel_scope.cancel()
     assert UNDERWAY.get() is None

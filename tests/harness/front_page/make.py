@@ -26,7 +26,7 @@ from tests.harness.front_page.episode import caption, played
 PICTURES = DOCS / "pictures"
 SCHEMES = ("light", "dark")
 DESCRIPTION = 0x010E
-"""The EXIF tag ImageDescription, which holds the description of a picture."""
+"""The EXIF tag ImageDescription, which contains the description of a picture."""
 SCALE = 2
 """Device pixel ratio of the pictures, for high-resolution screens."""
 REPORT_WIDTH = 1000
@@ -39,7 +39,7 @@ STUDY = (
 
 def main() -> None:
     """Write the pictures."""
-    # MuJoCo chooses how it draws when it is imported; this way needs neither a screen nor a graphics card.
+    # MuJoCo selects its renderer at import; OSMesa needs neither a screen nor a graphics card.
     os.environ.setdefault("MUJOCO_GL", "osmesa")
     parser = argparse.ArgumentParser(description="Write the pictures of the README.")
     parser.add_argument("--run", type=Path, metavar="DIR", help="a run folder with a report; else it is played first")

@@ -129,7 +129,7 @@ def _matted(mjcf: str) -> NDArray[np.uint8]:
     model.vis.global_.offwidth, model.vis.global_.offheight = width, height
     camera = mujoco.MjvCamera()
     camera.type = mujoco.mjtCamera.mjCAMERA_FREE
-    # From the side of +x, to which the ramps slope; far away, so that they stand evenly.
+    # The camera looks from +x, towards which the ramps slope, and is far away, so that all ramps appear equally large.
     camera.azimuth, camera.elevation, camera.distance = 180.0, -22.0, 24.0
     camera.lookat[:] = model.stat.center[:] = (0.0, (RAMPS + 1) / 2, 1.0)
     model.stat.extent = 20.0

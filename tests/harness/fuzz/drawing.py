@@ -177,7 +177,7 @@ class _Drawing:
                 if limits.created_mass is not None and self.source.random() < 0.7:
                     arguments["density"] = round(limits.created_mass * self.source.choice((0.1, 1, 10, 240)), 3)
             case "attach_objects":
-                # Most pairs of joint and axis that are drawn apart from each other do not fit.
+                # Most independently drawn pairs of joint and axis are invalid.
                 if arguments.get("joint", "weld") != "hinge":
                     arguments.pop("axis", None)
                 else:

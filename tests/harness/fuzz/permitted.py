@@ -8,7 +8,7 @@ from scenes import Permissions
 from scenes.protocol import Call
 
 Look = Callable[[LabObject], bool]
-"""Tells whether an object is a ball."""
+"""Returns whether an object is a ball."""
 
 _NEEDS_POSITION = {"get_position", "get_displacement", "get_potential_energy", "move_object", "change_position"}
 _NEEDS_VELOCITY = {

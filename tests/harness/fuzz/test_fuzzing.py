@@ -66,7 +66,7 @@ def test_a_step_that_the_engine_gives_up_is_refused_as_often_as_it_is_asked_for(
     for _ in range(3):
         with pytest.raises(Unstable):
             calls.call(session, last.tool, last.arguments)
-        # The engine must not go on to hold what it had reserved when it gave up.
+        # After the error, the engine must have released the memory of the failed step.
         assert session.world.save().data.pstack == 0
 
 

@@ -75,7 +75,7 @@ class Soaked:
 
 
 def rise(values: Sequence[float]) -> float:
-    """The rise of the straight line through values at equal distances (least squares), as a share of their mean."""
+    """Return the rise of the least-squares line through equally spaced values, as a share of their mean."""
     middle, mean = (len(values) - 1) / 2, statistics.fmean(values)
     spread = sum((place - middle) ** 2 for place in range(len(values)))
     slope = sum((place - middle) * (value - mean) for place, value in enumerate(values)) / spread if spread else 0.0

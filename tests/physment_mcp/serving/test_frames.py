@@ -162,7 +162,7 @@ def test_turning_shows_only_if_the_orientation_may_be_read(
     frames = Frames(session, [session.scene.mjcf], painter)
     before, model = frames.draw(), given(session)
     assert '"object_2"' in model
-    # The geom of the lower link is away from its origin, so its place reveals its orientation.
+    # The geom of the lower link is not at the link's origin, so its position reveals the orientation of the link.
     assert ('"object_8"' in model) is readable
     session.world.push("object_2", torque=np.array([0.0, 5.0, 0.0]))
     session.world.step(100)

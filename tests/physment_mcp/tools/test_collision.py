@@ -165,7 +165,7 @@ async def test_a_body_welded_to_a_fixture_cannot_bounce_off_a_wall() -> None:
 
 
 async def test_many_bodies_elsewhere_do_not_change_a_collision() -> None:
-    # From sixty degrees of freedom on the engine stores its constraints another way.
+    # With sixty or more degrees of freedom, the engine stores constraints in another format.
     impulses = []
     for others in (0, 20):
         lab = open_bench(

@@ -207,7 +207,7 @@ async def test_finding_where_nothing_is_hidden_says_so() -> None:
     assert await lab("find_objects") == {"sim_time": 0, "status": "there is nothing hidden here", "revealed": []}
 
 
-# Attaching. When the constrained place accelerates by a, the engine's equalities give way by τ² a, with τ of one time
+# Attaching. If the constrained point has the acceleration a, the engine's equalities yield by τ² a, where τ is one time
 # step: 25e-6 s² · 3 g = 0.7 mm.
 MILLIMETRE = 1e-3
 

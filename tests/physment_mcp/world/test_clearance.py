@@ -70,7 +70,7 @@ def test_bisecting_the_radius_of_a_refused_ball_finds_a_place_no_finer_than_it_i
 
     same = {found(cells) for cells in np.linspace(-0.45, 0.45, 7)}
     assert len(same) == 1, "places that are read as the same one are told apart"
-    # The refusal still follows the place.
+    # The refusal still depends on the position, to the resolution.
     (read, radius), (read_above, radius_above) = found(0.0), found(60.0)
     assert read_above == pytest.approx(read + 60 * resolution, abs=1e-9)
     assert 10 * resolution - FLOOR < radius - radius_above < 60 * resolution + 2 * FLOOR + resolution

@@ -349,7 +349,7 @@ def test_worlds_with_different_laws_in_threads_run_as_each_alone_does() -> None:
 
 
 def test_worlds_with_laws_come_and_go_while_another_one_runs() -> None:
-    """MuJoCo's Python callback fails here: removing it during a step raises an error in that step."""
+    """With MuJoCo's Python callback this test would fail: removing it during a step raises an error in that step."""
 
     def come_and_go() -> None:
         for _ in range(100):

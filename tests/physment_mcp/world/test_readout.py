@@ -259,7 +259,7 @@ async def test_an_object_is_put_to_places_no_more_finely_than_positions_are_read
     moved = await lab("move_object", object_id=1, x=0.0149, y=0, z=5)
     assert moved["position"] == [0.01, 0.0, 5.0]
     assert lab.session.world._data.qpos[0] == pytest.approx(0.01, abs=1e-15)  # pyright: ignore[reportPrivateUsage]
-    # The wall is at 0.8004: between two places on the grid no refusal tells where.
+    # The wall is at 0.8004: no refusal reveals its position between two grid points.
     for x in np.linspace(0.7951, 0.8049, 9):
         assert (await lab("move_object", object_id=1, x=float(x), y=0, z=5))["position"][0] == 0.8
 

@@ -104,7 +104,7 @@ def test_an_option_is_right_if_it_alone_acts() -> None:
     assert which("saddle", "wind", "turn") == 2
     assert math.isnan(which("saddle", "turn"))
     assert math.isnan(which("linear drag", "wind"))
-    # The numbers of options are further apart than the tolerance is wide.
+    # The difference between the numbers of two options is larger than the tolerance.
     assert tolerance(np.array(4.0)) < 0.5
 
 

@@ -49,7 +49,7 @@ async def test_an_episode_with_native_calls_ends_with_the_right_answer(service: 
     assert [exchange.call.tool for exchange in first.exchanges] == ["step", "get_velocity"]
     assert first.reasoning == "v = g t\n\nI let it fall, then look."
     assert [turn.reasoning[: turn.thought_chars] for turn in episode.turns] == ["v = g t", ""]
-    # The model received exactly the text that the record holds.
+    # The model received exactly the recorded text.
     assert service.seen[1].returns == [exchange.text for exchange in first.exchanges]
 
 
