@@ -10,7 +10,7 @@ from evaluator.certify.moving_pictures import Moment, Shown, ShownBody, ShownPar
 from evaluator.films.motion import Motion, decoded
 from evaluator.records.episode import Episode
 from evaluator.report.call_rows import CallRow, calls_of
-from evaluator.report.film_record import Drawing, Film
+from evaluator.report.film_record import Drawing, Film, PlaceRead
 
 MOST_FRAMES = 180
 """Largest number of frames of an animation."""
@@ -68,7 +68,14 @@ def _shown(drawing: Drawing) -> Shown:
         )
         for body in drawing.bodies
     ]
-    return Shown(bodies, [SketchedPart(course.kind, course.points) for course in drawing.schematic])
+    labels = {body.id: _label(drawing, body.id) for body in drawing.bodies}
+    return Shown(bodies, [SketchedPart(course.kind, course.points) for course in drawing.schematic], labels)
+
+
+def _label(drawing: Drawing, object_id: str) -> str:
+    """Return the label of an object, such as `glider (object_1)`; its id if the prompt does not name it."""
+    name = drawing.names.get(object_id, object_id)
+    return object_id if name == object_id else f"{name} ({object_id})"
 
 
 class _Frames:
@@ -109,24 +116,27 @@ class _Frames:
         time = float(np.interp(position, [first, first + 1], self._motion.times[[first, min(first + 1, self._last)]]))
         clock = f"{time:.2f} s, {_factor(self._speed)}"
         return Moment(
-            drawing, poses, self._read(made, drawn), [self._title, *captions], clock, round(1000 * duration_s)
+            drawing, poses, self._read(made, drawing), [self._title, *captions], clock, round(1000 * duration_s)
         )
 
     @property
     def _last(self) -> int:
         return len(self._motion.times) - 1
 
-    def _read(self, made: int, drawn: set[str]) -> Mapping[str, ShownReading]:
+    def _read(self, made: int, number: int) -> Mapping[str, ShownReading]:
+        drawing = self._film.drawings[number]
+        drawn = {body.id for body in drawing.bodies}
         found = [read for call, read in self._film.read if call < made][-1:]
         return {
-            name: ShownReading(
-                read.position,
-                f"{name}, last read ({', '.join(f'{value:.4g}' for value in read.position)}) m at {read.time:.4g} s",
-            )
+            name: ShownReading(read.position, f"{_label(drawing, name)}, {_words(read)}")
             for read_all in found
             for name, read in read_all.items()
             if name not in drawn
         }
+
+
+def _words(read: PlaceRead) -> str:
+    return f"last read ({', '.join(f'{value:.4g}' for value in read.position)}) m at {read.time:.4g} s"
 
 
 def _calls(film: Film, episode: Episode) -> Iterator[_Call]:

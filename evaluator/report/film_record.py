@@ -7,6 +7,7 @@ the record and serialises it again.
 
 import base64
 import binascii
+import json
 import math
 from collections import Counter
 from collections.abc import Iterator
@@ -35,6 +36,7 @@ _Quaternion = tuple[float, float, float, float]
 _Index = Annotated[int, Field(ge=0)]
 _Step = Annotated[float, Field(gt=0)]
 _Name = Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_-]{0,63}$")]
+_Title = Annotated[str, Field(pattern=r"^[^\x00-\x1f\x7f]{1,100}$")]
 _SIZES = {"sphere": 1, "capsule": 2, "cylinder": 2, "box": 3, "ellipsoid": 3, "plane": 0}
 """Shape → number of its sizes that must be positive."""
 
@@ -86,6 +88,8 @@ class Drawing(Record):
     schematic: Annotated[tuple[DrawnCourse, ...], Field(max_length=MOST_COURSES)] = Field(
         default=(), exclude_if=is_absent
     )
+    names: dict[_Name, _Title] = Field(default_factory=dict[str, str], max_length=MOST_PARTS, exclude_if=is_absent)
+    """Object → its name in the prompt; absent in films of earlier versions."""
 
 
 class PlaceRead(Record):
@@ -166,8 +170,8 @@ class Film(Record):
 
 
 def written(film: Film) -> bytes:
-    """Serialise a film as a script. The script is ASCII, because all text in a film is a name, a hash or base64."""
-    return _BEGIN + film.model_dump_json().encode("ascii") + _END
+    """Serialise a film as a script. The script is ASCII, so that it does not depend on the encoding of its page."""
+    return _BEGIN + json.dumps(film.model_dump(mode="json"), separators=(",", ":")).encode("ascii") + _END
 
 
 def read(script: bytes, episode: str) -> Film:

@@ -58,16 +58,17 @@ def view_of(
         read: Last position reading of each object, from the results of calls.
 
     Returns:
-        `time` [s]; `drawing`: bodies as `{"id", "object", "movable", "parts"}` and the `schematic` of the pack, if it
-        has one; `poses`: object → position [m] and quaternion, as 7 numbers; with states also `motion`: `times` [s] and
-        `poses`, such a list for each time, of the objects that moved. Fixtures have no pose, because their parts are
-        given in the world frame. `read` holds the last readings of objects that are not drawn, if there are any.
+        `time` [s]; `drawing`: bodies as `{"id", "object", "movable", "parts"}`, the `schematic` of the pack, if it
+        has one, and `names`: object → its name in the table of the opening prompt; `poses`: object → position [m] and
+        quaternion, as 7 numbers; with states also `motion`: `times` [s] and `poses`, such a list for each time, of the
+        objects that moved. Fixtures have no pose, because their parts are given in the world frame. `read` holds the
+        last readings of objects that are not drawn, if there are any.
     """
     visible = visibility.now(session)
     bodies = bodies_of(session, visible)
     view = {
         "time": session.world.time,
-        "drawing": {"bodies": [_drawing(body) for body in bodies]} | _schematic(session),
+        "drawing": {"bodies": [_drawing(body) for body in bodies]} | _schematic(session) | _names(session),
         "poses": {body.name: body.pose for body in bodies if body.pose},
     }
     unseen = {item.object_id for item in session.known()} - {body.name for body in bodies}
@@ -78,6 +79,11 @@ def view_of(
 def _schematic(session: Session) -> dict[str, Any]:
     parts = session.scene.public.schematic
     return {"schematic": [part.model_dump(mode="json") for part in parts]} if parts else {}
+
+
+def _names(session: Session) -> dict[str, Any]:
+    names = {item.object_id: item.name for item, _ in session.opening}
+    return {"names": names} if names else {}
 
 
 def _drawn(visible: Visible, bodies: Sequence[ShownBody]) -> list[LabObject]:

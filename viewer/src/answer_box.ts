@@ -39,13 +39,10 @@ export class AnswerBox {
     const stated = state.tools.find(({ name }) => name === "answer")?.input_schema.properties?.["law"];
     this.law = stated ? new LawField(stated.description ?? "", state.scene.objects?.[0]?.object_id ?? "object_1") : null;
     const told = /# Answer\n\n([^#]*)/.exec(state.prompt ?? "")?.[1]?.trim() ?? "";
+    const law = this.law ? [this.law.element] : [];
     this.element.replaceChildren(
       element("h2", {}, "Answer"),
-      ...fields,
-      ...optional,
-      ...(this.law ? [this.law.element] : []),
-      this.said,
-      element("p", { class: "play-buttons" }, this.button),
+      element("div", { class: "play-answers" }, ...fields, ...optional, ...law, this.said, this.button),
       element("p", { class: "play-soft" }, told),
       this.dialog,
     );

@@ -36,6 +36,14 @@ export interface Course {
 export interface Drawing {
   bodies: Body[];
   schematic?: Course[];
+  /** Object → its name in the table of the prompt. */
+  names?: Record<string, string>;
+}
+
+/** What an object is called beside calls, which have ids: `glider (object_1)`. */
+export function titleOf({ names }: Drawing, id: string): string {
+  const name = names && Object.hasOwn(names, id) ? names[id] : id;
+  return name !== id ? `${name} (${id})` : id;
 }
 
 /** Which bodies are drawn; the camera may stay while they are the same. */

@@ -1,6 +1,6 @@
 /** A film in a notebook: the laboratory in motion, beside it the calls of the turn, below it the time. */
 
-import type { Drawing, Poses, Readings } from "./drawing.js";
+import { type Drawing, type Poses, type Readings, titleOf } from "./drawing.js";
 import { ChartCursors } from "./chart_cursors.js";
 import { FilmCourse, SPEEDS } from "./film_course.js";
 import { callChosen, FilmLinks } from "./film_links.js";
@@ -195,7 +195,7 @@ export class FilmPlayer {
     dark.addEventListener("change", () => this.picture.setDark(dark.matches), { signal });
     this.picture.onHover((id) => {
       const pose = id === null ? undefined : this.reel.poses(this.course.position)[id];
-      this.pointed.textContent = pose ? `${id}: ${placeInWords(pose)}` : "";
+      this.pointed.textContent = pose ? `${titleOf(this.reel.drawing(this.course.position), id!)}: ${placeInWords(pose)}` : "";
     });
     this.panel.addEventListener("keydown", (event) => this.press(event));
   }

@@ -70,6 +70,8 @@ export class ForceDrag {
     const { element } = canvas;
     // In the capturing phase: before the controls of the camera take the pointer.
     element.addEventListener("pointerdown", (event) => this.begin(event), { signal, capture: true });
+    // A finger that draws a force does not scroll the page.
+    element.addEventListener("touchstart", (event) => this.drag && event.preventDefault(), { signal, passive: false });
     element.addEventListener("pointermove", (event) => this.move(event), { signal });
     element.addEventListener("pointerup", () => this.finish(true), { signal });
     element.addEventListener("pointercancel", () => this.finish(false), { signal });

@@ -3,7 +3,7 @@
 import { Group, PCFShadowMap, PerspectiveCamera, Scene, Vector3, WebGLRenderer } from "three";
 import { OrbitControls } from "three/addons/controls/OrbitControls.js";
 
-import { bodyIds, type Drawing, type Poses, type Readings, type Triple } from "./drawing.js";
+import { bodyIds, type Drawing, type Poses, type Readings, titleOf, type Triple } from "./drawing.js";
 import { ForceDrag } from "./force_drag.js";
 import { type Camera, cameraFor, FIELD, FORWARD, topOf } from "./framing.js";
 import { orbitBy } from "./orbiting.js";
@@ -24,7 +24,7 @@ export interface LabViewOptions {
   dark?: boolean;
   /** Whether the camera moves at once, without gliding. */
   reducedMotion?: boolean;
-  /** What the label of an object says instead of its id. */
+  /** What the label of an object says, unless its name and id. */
   names?: (id: string) => string;
 }
 
@@ -196,13 +196,10 @@ export class LabView {
     return objects.length <= MOST_LABELS ? objects : objects.filter((id) => id === this.pointed);
   }
 
-  private nameOf(id: string): string {
-    return this.options.names?.(id) ?? id;
-  }
-
   private labels(): Map<string, string> {
-    const unseen = unseenOf(this.drawing, this.read).map(([id, read]) => [id, `${this.nameOf(id)}\n${readingInWords(read)}`] as const);
-    return new Map([...this.labelled().map((id) => [id, this.nameOf(id)] as const), ...unseen]);
+    const nameOf = (id: string) => this.options.names?.(id) ?? titleOf(this.drawing, id);
+    const unseen = unseenOf(this.drawing, this.read).map(([id, read]) => [id, `${nameOf(id)}\n${readingInWords(read)}`] as const);
+    return new Map([...this.labelled().map((id) => [id, nameOf(id)] as const), ...unseen]);
   }
 
   private rebuild(): void {
@@ -259,8 +256,10 @@ export class LabView {
   private listen(): void {
     const { signal } = this.ends;
     const canvas = this.renderer.domElement;
-    canvas.addEventListener("pointermove", (event) => this.point(event.offsetX, event.offsetY), { signal });
-    canvas.addEventListener("pointerleave", () => this.pointAt(null, 0, 0), { signal });
+    const point = (event: PointerEvent) => this.point(event.offsetX, event.offsetY);
+    for (const event of ["pointermove", "pointerup"] as const) canvas.addEventListener(event, point, { signal });
+    // What a finger pointed at stays marked until the next tap.
+    canvas.addEventListener("pointerleave", ({ pointerType }) => pointerType === "touch" || this.pointAt(null, 0, 0), { signal });
     // The wheel belongs to the page until somebody works with the picture.
     this.controls.enableZoom = false;
     const grasp = () => (this.controls.enableZoom = true);

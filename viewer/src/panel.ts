@@ -1,6 +1,6 @@
 /** A view with all that a person needs around it: play and stop, a scrubber, readings, and the same in words. */
 
-import type { Body, Poses, Readings, Triple, View } from "./drawing.js";
+import { type Body, type Poses, type Readings, titleOf, type Triple, type View } from "./drawing.js";
 import type { ForceRules } from "./force_drag.js";
 import { LabView } from "./lab_view.js";
 import { canDraw, element } from "./markup.js";
@@ -18,7 +18,7 @@ export interface PanelOptions {
   reducedMotion: boolean;
   /** What to tell of an object instead of its pose, in lines; then no number of a pose is told. */
   readings?: (id: string) => string[];
-  /** What the label of an object says instead of its id. */
+  /** What an object is called, unless by its name and id. */
   names?: (id: string) => string;
 }
 
@@ -67,7 +67,7 @@ export class LabPanel {
     container.append(this.box, this.note, this.controls, inWords);
     this.help.append(help);
     if (!this.flat) container.append(this.help);
-    this.picture = this.flat ? new Schematic(this.box) : new LabView(this.box, options);
+    this.picture = this.flat ? new Schematic(this.box, options) : new LabView(this.box, options);
     this.picture.onHover((id, x, y) => this.point(id, x, y));
     this.listen();
   }
@@ -182,8 +182,12 @@ export class LabPanel {
     this.speed.value = `${playback.speed}`;
   }
 
+  private nameOf(id: string): string {
+    return this.options.names?.(id) ?? (this.view ? titleOf(this.view.drawing, id) : id);
+  }
+
   private listObjects(view: View): void {
-    const words = viewInWords(view, this.options.readings === undefined);
+    const words = viewInWords(view, this.options.readings === undefined, (id) => this.nameOf(id));
     this.words.textContent = words;
     this.box.setAttribute("aria-label", words);
     const rows = view.drawing.bodies.filter((body) => body.object).map((body) => this.rowOf(body));
@@ -192,7 +196,7 @@ export class LabPanel {
   }
 
   private rowOf(body: Body): HTMLTableRowElement {
-    const name = element("button", { type: "button" }, body.id);
+    const name = element("button", { type: "button" }, this.nameOf(body.id));
     for (const event of ["focus", "pointerenter"]) name.addEventListener(event, () => this.mark(body.id));
     for (const event of ["blur", "pointerleave"]) name.addEventListener(event, () => this.mark(null));
     const row = element("tr", {}, element("th", { scope: "row" }, name), element("td", {}, bodyInWords(body)));
@@ -226,7 +230,7 @@ export class LabPanel {
     const id = this.pointed;
     if (this.tip.hidden || id === null) return;
     const lines = this.options.readings?.(id) ?? this.usualReadings(id);
-    this.tip.replaceChildren(element("b", {}, id), ...lines.map((line) => element("div", {}, line)));
+    this.tip.replaceChildren(element("b", {}, this.nameOf(id)), ...lines.map((line) => element("div", {}, line)));
   }
 
   private usualReadings(id: string): string[] {

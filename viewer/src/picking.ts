@@ -6,6 +6,8 @@ import type { Reading, Readings, Triple } from "./drawing.js";
 
 /** How near to a ring the pointer is at its object, in the picture [px]. */
 const RING_PX = 16;
+/** How near to the middle of an object, so that small ones can be hit by a finger [px]. */
+const MIDDLE_PX = 12;
 
 /** What can be pointed at. */
 export interface Pickable {
@@ -31,11 +33,13 @@ export function objectAt([x, y]: [number, number], view: Pickable): string | nul
   ray.setFromCamera(new Vector2((x / container.clientWidth) * 2 - 1, 1 - (y / container.clientHeight) * 2), camera);
   const hit = ray.intersectObjects(world.children, true)[0]?.object.parent?.name ?? "";
   if (objects.includes(hit)) return hit;
-  const near = unseen.find(([, { position }]) => {
-    const at = view.seen(position);
-    return at !== null && Math.hypot(at[0] - x, at[1] - y) < RING_PX;
-  });
-  return near?.[0] ?? null;
+  const isNear = (point: Triple, most: number) => {
+    const at = view.seen(point);
+    return at !== null && Math.hypot(at[0] - x, at[1] - y) < most;
+  };
+  const ring = unseen.find(([, { position }]) => isNear(position, RING_PX));
+  const small = (id: string) => isNear(middleOf(id, world, {})?.toArray() ?? [Infinity, 0, 0], MIDDLE_PX);
+  return ring?.[0] ?? objects.find(small) ?? null;
 }
 
 /** The middle of an object that is drawn, or where it was read last; null if neither is known [m]. */

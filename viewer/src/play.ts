@@ -45,9 +45,8 @@ function exchanges(): Exchange[] {
 
 /** Numbers come from calls alone: what was read last of an object, not where it is. */
 function readings(id: string): string[] {
-  const object = state?.scene.objects?.find((one) => one.object_id === id);
   const read = latestOf(exchanges(), id);
-  return [...(object ? [object.name] : []), ...(read.length > 0 ? read : ["nothing was read of it yet"])];
+  return read.length > 0 ? read : ["nothing was read of it yet"];
 }
 
 /** The objects that are known: those of the prompt, and those that results named. */

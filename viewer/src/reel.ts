@@ -92,7 +92,8 @@ export class Reel {
   everything(): Drawing {
     const bodies = new Map(this.film.drawings.flatMap((drawing) => drawing.bodies.map((body) => [body.id, body])));
     const schematic = this.film.drawings.flatMap((drawing) => drawing.schematic ?? []);
-    return { bodies: [...bodies.values()], schematic };
+    const names = Object.assign({}, ...this.film.drawings.map((drawing) => drawing.names)) as Record<string, string>;
+    return { bodies: [...bodies.values()], schematic, names };
   }
 
   /** What was read last once so many calls had returned. */

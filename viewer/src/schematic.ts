@@ -1,8 +1,8 @@
 /** A drawing as outlines in SVG, from the same camera: for browsers that cannot draw in three dimensions. */
 
-import type { Body, Drawing, Part, Pose, Poses, Readings, Triple } from "./drawing.js";
+import { type Body, type Drawing, type Part, type Pose, type Poses, type Readings, titleOf, type Triple } from "./drawing.js";
 import { type Camera, cameraFor, outlineOf, seenFrom } from "./framing.js";
-import type { OnHover } from "./lab_view.js";
+import type { LabViewOptions, OnHover } from "./lab_view.js";
 import { Sketch, unseenOf } from "./sketch.js";
 import { readingInWords } from "./words.js";
 
@@ -21,14 +21,16 @@ export class Schematic {
   private hover: OnHover | null = null;
   private marked: string | null = null;
 
-  constructor(container: HTMLElement) {
+  constructor(
+    container: HTMLElement,
+    private readonly options: LabViewOptions = {},
+  ) {
     this.picture.setAttribute("viewBox", `0 0 ${WIDTH} ${HEIGHT}`);
     this.picture.setAttribute("class", "lab-schematic");
     container.append(this.picture);
-    this.picture.addEventListener("pointermove", (event) => {
-      const id = (event.target as Element).getAttribute("data-id");
-      this.hover?.(id, event.offsetX, event.offsetY);
-    });
+    const point = (event: PointerEvent) =>
+      this.hover?.((event.target as Element).getAttribute("data-id"), event.offsetX, event.offsetY);
+    for (const event of ["pointermove", "pointerup"] as const) this.picture.addEventListener(event, point);
   }
 
   setDrawing(drawing: Drawing, steady = false): void {
@@ -97,16 +99,20 @@ export class Schematic {
     return { element, depth: points.reduce((sum, [, , depth]) => sum + depth, 0) / points.length };
   }
 
+  private nameOf(id: string): string {
+    return this.options.names?.(id) ?? titleOf(this.drawing, id);
+  }
+
   private names(camera: Camera): SVGElement[] {
     return this.drawing.bodies
       .filter((body) => body.object && body.parts.length > 0)
-      .map((body) => textAt(placed(camera, originOf(body, this.poses[body.id])), body.id));
+      .map((body) => textAt(placed(camera, originOf(body, this.poses[body.id])), this.nameOf(body.id)));
   }
 
   private unseen(camera: Camera): SVGElement[] {
     return unseenOf(this.drawing, this.read).map(([id, read]) => {
       const [x, y] = placed(camera, read.position);
-      return textAt([Math.min(Math.max(x, WIDTH / 4), (3 * WIDTH) / 4), y - 14], `${id}, ${readingInWords(read)}`);
+      return textAt([Math.min(Math.max(x, WIDTH / 4), (3 * WIDTH) / 4), y - 14], `${this.nameOf(id)}, ${readingInWords(read)}`);
     });
   }
 }

@@ -1,6 +1,6 @@
 /** What is seen, in words: for people who cannot see the picture, and for the text at the pointer. */
 
-import type { Body, Drawing, Part, Pose, Reading, View } from "./drawing.js";
+import { type Body, type Drawing, type Part, type Pose, type Reading, titleOf, type View } from "./drawing.js";
 import { coordinate, metres } from "./ruler.js";
 
 /** A part in words, with its full edges. */
@@ -60,17 +60,18 @@ export function turnInWords(pose: Pose): string {
  *
  * @param view - What is seen.
  * @param places - Whether to tell where things are.
+ * @param names - What objects are called.
  */
-export function viewInWords(view: View, places = true): string {
+export function viewInWords(view: View, places = true, names = (id: string) => titleOf(view.drawing, id)): string {
   const objects = view.drawing.bodies.filter((body) => body.object);
-  const read = Object.entries(view.read ?? {}).map(([id, reading]) => `${id}, not watched, ${readingInWords(reading)}`);
+  const read = Object.entries(view.read ?? {}).map(([id, reading]) => `${names(id)}, not watched, ${readingInWords(reading)}`);
   const nothing = view.drawing.bodies.length === 0;
   if (nothing && read.length === 0) return NOTHING;
   const listed = objects.map((body) => {
     const pose = view.poses[body.id];
-    return `${body.id} (${bodyInWords(body)})${pose && places ? ` at ${placeInWords(pose)}` : ""}`;
+    return `${names(body.id)}, ${bodyInWords(body)}${pose && places ? ` at ${placeInWords(pose)}` : ""}`;
   });
-  const moved = Object.keys(view.motion?.poses ?? {});
+  const moved = Object.keys(view.motion?.poses ?? {}).map(names);
   const motion = moved.length > 0 ? ` In the last step moved: ${moved.join(", ")}.` : "";
   const seen = listed.join("; ") || (nothing ? "nothing" : "fixtures only");
   return `At ${coordinate(view.time)} s are seen: ${[seen, ...read].join("; ")}.${motion}`;

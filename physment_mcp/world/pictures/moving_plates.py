@@ -56,6 +56,8 @@ class Shown(NamedTuple):
 
     bodies: Sequence[ShownBody]
     courses: Sequence[SketchedPart]
+    labels: Mapping[str, str]
+    """Body → its label; bodies without one are labelled by their name."""
 
 
 class Moment(NamedTuple):
@@ -177,7 +179,7 @@ def _annotated(shown: Shown, moment: Moment, stage: _Stage) -> Overlay:
     for read in moment.read.values():
         draw_reading(overlay, optics, read.position)
     named = named_corners(stage.model, stage.boxes(moment.poses), [body.name for body in shown.bodies if body.pose])
-    tops = {name: _top(box_of(optics.places(corners))) for name, corners in named.items()}
+    tops = {shown.labels.get(name, name): _top(box_of(optics.places(corners))) for name, corners in named.items()}
     for read in moment.read.values():
         ((x, y),) = optics.places(np.array([read.position])).tolist()
         tops[read.words] = (x, y - RING)

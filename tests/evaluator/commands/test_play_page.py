@@ -218,7 +218,7 @@ def test_ctrl_c_leaves_and_a_taken_port_is_one_sentence(tmp_path: Path, host_url
 
 FILL = "(name, value) => { document.querySelector(`[name='${name}']`).value = value; }"
 CHOOSE = "(name, value) => document.querySelector(`[name='${name}'][value='${value}']`).click()"
-READ = "ballposition [0, 0, 26.8608] m at 0.8 svelocity [0, 0, -7.848] m/s at 0.8 s"
+READ = "position [0, 0, 26.8608] m at 0.8 svelocity [0, 0, -7.848] m/s at 0.8 s"
 
 
 def experiment_with(page: Page) -> None:
@@ -315,7 +315,7 @@ def test_a_person_fills_in_a_form_sees_what_came_back_and_answers(tmp_path: Path
             f"(({{ x, width, bottom }}) => [x + width / 2, bottom + 10])({label}.getBoundingClientRect())"
         )
         page.send("Input.dispatchMouseEvent", type="mouseMoved", x=corner[0], y=corner[1])
-        page.wait(f"document.querySelector('.lab-tip').textContent === 'object_1{READ}'")
+        page.wait(f"document.querySelector('.lab-tip').textContent === 'ball{READ}'")
         answer_with(page)
         assert "Correct" in played.end()
         assert [one for one in page.complaints if "GPU stall" not in one] == []
@@ -474,3 +474,78 @@ def test_with_a_long_question_the_answer_box_is_visible_and_no_page_scrolls_side
         for width in (1280, 1000, 390):
             page.look(width, "dark")
             assert page.run("document.documentElement.scrollWidth <= innerWidth")
+
+
+TARGETS = """[...document.querySelectorAll('a[href], button, input, select, textarea, summary')].map((one) => {
+  const target = one.matches('[type=checkbox], [type=radio]') ? one.closest('label') : one;
+  const { width, height } = target.getBoundingClientRect();
+  return [one.textContent || one.name, Math.min(width, height)];
+}).filter(([, size]) => size > 0 && size < 24)"""
+
+
+@pytest.mark.skipif(PROGRAM is None, reason="Chromium is not installed")
+@pytest.mark.parametrize(("scene", "marked"), [(7, ".lab-label"), (28, ".lab-read")])
+def test_a_finger_draws_a_force_on_an_object_and_scrolls_the_page_elsewhere(
+    scene: int, marked: str, tmp_path: Path, host_url: str
+) -> None:
+    assert PROGRAM
+    with (
+        playing(tmp_path, host_url, scene=scene) as played,
+        chromium(PROGRAM, tmp_path / "profile", *SOFTWARE_WEBGL) as page,
+    ):
+        page.send("Emulation.setDeviceMetricsOverride", width=390, height=844, deviceScaleFactor=2, mobile=True)
+        page.send("Emulation.setTouchEmulationEnabled", enabled=True)
+        page.send("Emulation.setEmulatedMedia", features=[{"name": "prefers-reduced-motion", "value": "reduce"}])
+        page.visit(played.address)
+        page.wait("document.getElementById('run')?.disabled === false")
+        page.run("document.getElementById('run').click()")
+        page.wait("document.getElementById('budget').textContent === '19 of 20 iterations left'")
+        for group in ("Time", "Read", "Act", "Build"):
+            page.run(f"({CHOOSE})('group', '{group}')")
+            assert page.run(TARGETS) == []
+
+        def swipe(selector: str, right: float, down: float, dx: float, dy: float) -> float:
+            """Swipe from a point relative to the middle of an element; return by how much the page scrolled [px]."""
+            page.run("document.querySelector('.lab-box').scrollIntoView({ block: 'center' })")
+            before = page.run("scrollY")
+            middle = "(({ x, y, width, height }) => [x + width / 2, y + height / 2])"
+            x, y = page.run(f"{middle}(document.querySelector('{selector}').getBoundingClientRect())")
+            for kind, share in (("touchStart", 0.0), ("touchMove", 0.3), ("touchMove", 0.6), ("touchMove", 1.0)):
+                at = {"x": x + right + share * dx, "y": y + down + share * dy}
+                page.send("Input.dispatchTouchEvent", type=kind, touchPoints=[at])
+            page.send("Input.dispatchTouchEvent", type="touchEnd", touchPoints=[])
+            return page.run("new Promise((done) => requestAnimationFrame(() => done(scrollY)))") - before
+
+        page.wait(f"document.querySelector('{marked}') !== null")
+        assert swipe(marked, 0, 30 if marked == ".lab-label" else 0, 0, -80) == 0
+        values = "['object_id', 'x', 'y', 'z'].map((one) => one.length > 1 ? one : `force_vector.${one}`)"
+        assert page.run("document.querySelector('[name=tool]:checked').value") == "apply_force"
+        object_id, x, y, z = page.run(f"{values}.map((name) => document.querySelector(`[name='${{name}}']`).value)")
+        assert (object_id, x, y) == ("object_1", "0", "0")
+        assert float(z) > 1
+        # A tap shows the last reading until the next tap.
+        swipe(marked, 0, 30 if marked == ".lab-label" else 0, 0, 0)
+        page.wait("document.querySelector('.lab-tip').textContent.includes('position [')")
+        assert not page.run("document.querySelector('.lab-tip').hidden")
+        assert swipe(".lab-box", 140, 60, 0, -150) > 50
+        before = page.run("document.querySelector('.lab-label').style.transform")
+        swipe(".lab-box", 140, 60, -150, 0)
+        page.wait(f"document.querySelector('.lab-label').style.transform !== {before!r}")
+
+
+@pytest.mark.skipif(PROGRAM is None, reason="Chromium is not installed")
+@pytest.mark.parametrize("width", [900, 1000, 1119])
+def test_a_window_of_medium_width_shows_question_answer_and_button_without_scrolling(
+    width: int, tmp_path: Path, host_url: str
+) -> None:
+    assert PROGRAM
+    with (
+        playing(tmp_path, host_url) as played,
+        chromium(PROGRAM, tmp_path / "profile", *SOFTWARE_WEBGL) as page,
+    ):
+        page.look(width, "light", height=768)
+        page.visit(played.address)
+        page.wait("document.getElementById('run')?.disabled === false")
+        for part in ("question", "give", "run"):
+            assert page.run(f"document.getElementById('{part}').getBoundingClientRect().bottom < innerHeight"), part
+        assert page.run("document.documentElement.scrollWidth <= innerWidth")

@@ -95,7 +95,7 @@ def test_an_object_that_is_not_watched_is_where_it_was_read_last(run: RunFolder)
     assert read[-1] is not None
     assert [*read[-1].position] == last["position"]
     assert {tuple(one.position) for one in read if one} == {tuple(first["position"]), tuple(last["position"])}
-    assert read[-1].words.startswith("object_1, last read (")
+    assert read[-1].words.startswith("puck (object_1), last read (")
     assert all(moment.poses == {} for moment in moments)
 
 
@@ -147,9 +147,9 @@ def test_a_film_without_an_image_is_reported_and_the_others_get_theirs(
 def test_nothing_drawn_at_all_still_has_its_captions_and_too_large_an_image_is_refused() -> None:
     moments = [Moment(0, {}, {}, ["title", f"call {k}"], "0.00 s", 100) for k in range(3)]
     with renderers(1) as pool:
-        assert pool.submit(drawn, [Shown([], [])], moments, 1_000_000).result()[8:12] == b"WEBP"
+        assert pool.submit(drawn, [Shown([], [], {})], moments, 1_000_000).result()[8:12] == b"WEBP"
         with pytest.raises(ValueError, match="more than 100 bytes"):
-            pool.submit(drawn, [Shown([], [])], moments, 100).result()
+            pool.submit(drawn, [Shown([], [], {})], moments, 100).result()
 
 
 def drawn(things: list[Shown], moments: list[Moment], most_bytes: int) -> bytes:

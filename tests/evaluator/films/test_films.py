@@ -149,6 +149,7 @@ def test_a_film_shows_an_object_that_is_not_drawn_where_it_was_read_last_and_not
     assert [call for call, _ in films[2]["read"]] == [0, 3]
     assert films[2]["read"][-1][1]["object_1"]["position"] == places[2][-1]
     assert films[2]["drawings"][0]["schematic"] == [{"kind": "cord", "points": [[0, 0, 0.5], "object_1"]}]
+    assert films[2]["drawings"][0]["names"] == {"object_1": "puck"}
 
 
 def test_a_film_of_an_edited_record_is_refused_with_its_place_and_the_others_are_made(

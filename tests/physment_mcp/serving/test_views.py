@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from physment_mcp.scene import load_scene, load_variants, scene_ids
+from physment_mcp.serving.prompts import opening_prompt
 from physment_mcp.serving.views import recorded, view_of
 from physment_mcp.session import Session
 from physment_mcp.tools.calls import call
@@ -60,6 +61,18 @@ def test_what_is_hidden_or_masked_is_neither_drawn_nor_placed_until_it_may_be(se
     found = after(session, "find_objects")
     assert set(found["poses"]) == names | {"object_5"}
     assert body(found, "object_5")["parts"][0]["rgba"][3] == 1
+
+
+def test_objects_have_the_names_of_the_prompt_and_those_found_or_created_later_have_none(session: Session) -> None:
+    names = {item.object_id: item.name for item, _ in session.opening}
+    assert all(f"| {object_id} | {name} |" in opening_prompt(session) for object_id, name in names.items())
+    assert view_of(session, visibility(session))["drawing"]["names"] == names
+    ball = {"pos": [7, 0, 3], "density": 1000.0, "radius": 0.1, "rgba": [1, 0, 0, 1]}
+    call(session, "create_objects", {"name": "late", **ball})
+    found = after(session, "find_objects")
+    assert {"object_5", "late"} <= set(found["poses"])
+    assert found["drawing"]["names"] == names
+    assert "object_5" not in names
 
 
 def test_a_ball_falls_in_its_motion_as_in_the_formula(session: Session) -> None:
@@ -144,7 +157,7 @@ def test_a_body_whose_frame_depends_on_the_seed_is_not_drawn(session: Session) -
     assert "object_9" in view_of(session, visibility(session))["poses"]
     view = view_of(session, visibility(session, other))
     assert "object_9" not in view["poses"]
-    assert "object_9" not in json.dumps(view)
+    assert "object_9" not in json.dumps(view["drawing"]["bodies"])
 
 
 def views_at_the_start(scene: int, *seeds: int) -> set[str]:
