@@ -15,10 +15,10 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from evaluator.commands.base import Commands, count_of, folder_to_write, run_async, wide_console
 from evaluator.errors import UsageError
 from evaluator.store.durable import append_line, locked
-from scenes import WorldError, one_world, place_of
+from scenes import WorldError, default_folder, one_world, place_of
 from scenes.world_names import LEVEL_IDS
 from scenes.worlds.drawing import SPLITS
-from scenes.worlds.folders import find_certificate, find_record
+from scenes.worlds.folders import PUBLISHED, find_certificate, find_record
 from scenes.worlds.levels import LEVELS, Difficulty, difficulty_of
 from scenes.worlds.orders import PUBLIC, WorldOrder
 from scenes.worlds.publishing import MOST_BYTES, publish
@@ -99,8 +99,15 @@ def add(commands: Commands) -> None:
     verify = actions.add_parser("verify", help="prove stored worlds again", description=_VERIFY, formatter_class=raw)
     verify.set_defaults(run=_verify)
     verify.add_argument("--levels", type=_level, nargs="+", metavar="L", help="which levels (default: all in DIR)")
-    for command in (show, verify, publish):
-        command.add_argument("--worlds-dir", type=Path, required=True, metavar="DIR", help="folder of worlds")
+    for command in (show, verify):
+        command.add_argument(
+            "--worlds-dir",
+            type=Path,
+            default=default_folder() / PUBLISHED,
+            metavar="DIR",
+            help="folder of worlds (default: the published ones)",
+        )
+    publish.add_argument("--worlds-dir", type=Path, required=True, metavar="DIR", help="folder of worlds")
     for command in (make, verify):
         command.add_argument(
             "--workers",

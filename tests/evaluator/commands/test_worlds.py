@@ -73,6 +73,13 @@ def test_a_world_is_named_where_a_scene_is(
         assert sentence in capsys.readouterr().err
 
 
+def test_show_without_a_folder_prints_a_published_world(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["worlds", "show", "5:1"]) == 0
+    text = capsys.readouterr().out
+    assert text.startswith("A puck, object_1, whose mass you are not told")
+    assert "centre screened" not in text
+
+
 @pytest.mark.parametrize(
     ("words", "sentence"),
     [
