@@ -166,10 +166,15 @@ def test_the_clients_of_frameworks_repeat_the_contract_of_a_referee() -> None:
 def test_the_tools_of_the_environment_for_trl_are_those_of_the_laboratory(update_goldens: bool) -> None:
     """`pytest tests/test_integrations.py --update-goldens` writes the copy anew."""
     copy = FOLDER / "trl" / "physment_trl" / "tools.json"
-    tools = [
-        {"name": tool.name, "description": tool.description, "input_schema": tool.input_schema}
-        for tool in open_episode(7).tools
-    ]
+    usual, with_law = (
+        [
+            {"name": tool.name, "description": tool.description, "input_schema": tool.input_schema}
+            for tool in open_episode(scene).tools
+        ]
+        for scene in (7, 201)
+    )
+    assert with_law[:-1] == usual[:-1]
+    tools = {"tools": usual, "answer_with_law": with_law[-1]}
     if update_goldens:
         copy.write_text(json.dumps(tools, indent=1) + "\n", encoding="utf-8")
     assert json.loads(copy.read_text(encoding="utf-8")) == tools

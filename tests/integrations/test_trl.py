@@ -7,6 +7,7 @@ from typing import Any
 
 import pytest
 
+from tests.harness.clients.playing import exchanges_of
 from tests.integrations.playing import Stand, check_same, place_of, rehearsed, standing
 
 PROGRAM = Path(__file__).parent / "programs" / "trl_step.py"
@@ -86,10 +87,10 @@ def test_every_tool_has_the_schema_of_the_laboratory_for_transformers(stand: Sta
     code = """if True:
         import json
         from physment_trl import PhysMent
-        from physment_trl.methods import TOOLS
+        from physment_trl.methods import ANSWER_WITH_LAW, TOOLS
         from transformers.utils import get_json_schema
-        env = PhysMent()
-        for tool in TOOLS:
+        env, of_laws = PhysMent(), PhysMent(law=True)
+        for env, tool in [*((env, tool) for tool in TOOLS), (of_laws, ANSWER_WITH_LAW)]:
             made, ours = get_json_schema(getattr(env, tool["name"]))["function"], tool["input_schema"]
             theirs = made["parameters"]
             assert made["description"] == " ".join(tool["description"].split()), tool["name"]
@@ -99,9 +100,34 @@ def test_every_tool_has_the_schema_of_the_laboratory_for_transformers(stand: Sta
                 found = theirs["properties"][name]
                 assert found["description"] == " ".join(one["description"].split()), name
                 assert found.get("type") == one["type"] if "type" in one else {"type", "anyOf"} & set(found), name
+        assert [*theirs["properties"]] == ["answer", "steps", "law"]
         print(len(TOOLS))
     """
     assert said(stand, code) == ["26"]
+
+
+def test_a_law_is_given_with_the_answer_where_it_is_asked_for(stand: Stand) -> None:
+    code = """if True:
+        import json
+        from physment_trl import PhysMent
+        from physment_trl.in_process import InProcessPhysMent
+        law = {"acceleration": {"object_1": {"x": "object_1_push_x/1.2"}}}
+        for kind in (PhysMent, InProcessPhysMent):
+            env = kind(law=True)
+            env.reset(scene=7)
+            print(type(env).__name__, env.answer(answer=1, law=law))
+            env.reset(scene=201, seed=2)
+            print(env.answer(answer=1, law={"acceleration": {"object_1": {"x": "nobody"}}}))
+            print(json.loads(env.answer(answer=1, law=law))["acknowledged"], env.get_reward())
+    """
+    lines = said(stand, code)
+    assert [line.replace("InProcess", "") for line in lines[3:]] == lines[:3]
+    assert lines[0] == "PhysMent answer: there is no argument 'law'; the arguments are answer, steps"
+    assert lines[1].startswith("answer: law: ")
+    assert lines[2] == "True 0.0"
+    (recorded,) = (episode for key, episode in stand.folder.episodes().items() if (key.scene, key.seed) == (201, 2))
+    given = exchanges_of(recorded)[-1].call.arguments
+    assert given["law"] == {"acceleration": {"object_1": {"x": "object_1_push_x/1.2"}}}
 
 
 @pytest.mark.parametrize("backend", ["physment_trl.PhysMent", "physment_trl.in_process.InProcessPhysMent"])

@@ -4,16 +4,20 @@ Public methods of an environment are tools for TRL, so everything else has a lea
 """
 
 import logging
+from types import MethodType
 from typing import Any, Protocol
 
 from physment_referee import ANSWER, read_variants
 
-from physment_trl.methods import TOOLS, method_of
+from physment_trl.methods import ANSWER_WITH_LAW, TOOLS, method_of
 
 _LOG = logging.getLogger("physment_trl")
 
 CLOSED = "The episode has ended: your answer was accepted, and no call is run any more. Reply without a call."
 """Result of every tool after an accepted answer. TRL continues to generate until a reply contains no call."""
+
+
+_ANSWER_WITH_LAW = method_of(ANSWER_WITH_LAW)
 
 
 class EpisodeLost(Exception):
@@ -53,8 +57,14 @@ class LaboratoryEnvironment:
     reason as text, as in `physment-eval`.
     """
 
-    def __init__(self) -> None:
-        """Create the environment without an episode."""
+    def __init__(self, law: bool = False) -> None:
+        """Create the environment without an episode.
+
+        Args:
+            law: For open worlds and generated worlds: `answer` has the argument `law`. Other scenes refuse it.
+        """
+        if law:
+            self.answer = MethodType(_ANSWER_WITH_LAW, self)
         self._episode: OpenEpisode | None = None
         self._calls = 0
         self._answered = False

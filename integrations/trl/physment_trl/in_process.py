@@ -20,14 +20,15 @@ Worth = Literal["strict", "graded", "chance_corrected"]
 class InProcessPhysMent(LaboratoryEnvironment):
     """Plays and grades in this process. Names variants by scene and seed, or by split and index."""
 
-    def __init__(self, worth: Worth = "strict", scenes_dir: Path | None = None) -> None:
+    def __init__(self, worth: Worth = "strict", scenes_dir: Path | None = None, law: bool = False) -> None:
         """Create the environment without an episode.
 
         Args:
             worth: What an answer earns.
             scenes_dir: Folder of scene packs; the suite by default.
+            law: As for `LaboratoryEnvironment`.
         """
-        super().__init__()
+        super().__init__(law)
         self._worth, self._scenes_dir = worth, scenes_dir
 
     def _open(self, wanted: dict[str, Any]) -> "LocalEpisode":

@@ -1,7 +1,7 @@
 """Creates a typed method for each tool from its JSON schema, because TRL reads tools from signatures and docstrings.
 
-`tools.json` is a copy of the laboratory's tools. Signatures cannot express bounds of numbers and lengths of lists; the
-laboratory checks them.
+`tools.json` is a copy of the laboratory's tools. Signatures cannot express bounds of numbers, lengths of lists and the
+fields of a law; the laboratory checks them.
 """
 
 import inspect
@@ -14,8 +14,11 @@ from typing import Any, Literal
 
 _KINDS = {"string": str, "number": float, "integer": int, "boolean": bool, "null": type(None)}
 
-TOOLS: tuple[dict[str, Any], ...] = tuple(json.loads(files(__package__).joinpath("tools.json").read_text("utf-8")))
+_COPY = json.loads(files(__package__).joinpath("tools.json").read_text("utf-8"))
+TOOLS: tuple[dict[str, Any], ...] = tuple(_COPY["tools"])
 """The tools in their published order, each with `name`, `description` and `input_schema`."""
+ANSWER_WITH_LAW: dict[str, Any] = _COPY["answer_with_law"]
+"""`answer` in scenes that ask for a law."""
 
 
 def method_of(tool: dict[str, Any]) -> Callable[..., str]:
@@ -64,5 +67,6 @@ def _type_of(schema: dict[str, Any]) -> Any:
     if schema["type"] == "array":
         return list[_type_of(schema["items"])]
     if schema["type"] == "object":
-        return dict[str, _type_of(schema["additionalProperties"])]
+        values = schema["additionalProperties"]
+        return dict[str, _type_of(values) if values else Any]  # False: it has named fields
     return _KINDS[schema["type"]]
