@@ -68,14 +68,22 @@ def host_url() -> Generator[str]:
 
 
 @pytest.fixture
-def web_server() -> Callable[[int, bytes], contextlib.AbstractContextManager[str]]:
-    """Starts a web server that gives the same reply to every request; yields its address."""
+def web_server() -> Callable[..., contextlib.AbstractContextManager[str]]:
+    """Starts a web server that gives the same reply to every request; yields its address.
+
+    With `busy`, it refuses so many requests before, and says that it can be asked again at once.
+    """
 
     @contextlib.contextmanager
-    def serving(status: int, body: bytes) -> Generator[str]:
+    def serving(status: int, body: bytes, busy: int = 0) -> Generator[str]:
+        refusals = iter(range(busy))
+
         class Handler(http.server.BaseHTTPRequestHandler):
             def do_POST(self) -> None:
-                self.send_response(status)
+                refused = next(refusals, None) is not None
+                self.send_response(429 if refused else status)
+                if refused:
+                    self.send_header("Retry-After", "0")
                 self.send_header("Content-Length", str(len(body)))
                 self.end_headers()
                 self.wfile.write(body)

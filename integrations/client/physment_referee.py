@@ -5,6 +5,7 @@ The integrations share it, because they may not import the laboratory or the eva
 
 import json
 import os
+import time
 import urllib.error
 import urllib.parse
 import urllib.request
@@ -118,6 +119,25 @@ class Referee:
         """
         (opened,) = self.open_group(1, scene, seed, **options)
         return opened
+
+    def open_when_free(self, patience_s: float, **wanted: Any) -> OpenedEpisode:
+        """Open an episode; while the referee is at its limit of open episodes, wait and retry.
+
+        Args:
+            patience_s: Longest time to wait [s].
+            wanted: As for `open`.
+
+        Raises:
+            RefereeError: The referee refused, cannot be reached, or stayed at its limit.
+        """
+        until = time.monotonic() + patience_s
+        while True:
+            try:
+                return self.open(**wanted)
+            except RefereeError as error:
+                if error.retry_after_s is None or time.monotonic() + error.retry_after_s > until:
+                    raise
+                time.sleep(error.retry_after_s)
 
     def open_group(
         self, count: int, scene: int | None = None, seed: int | None = None, **options: Any

@@ -17,6 +17,7 @@ from tests.builders.paths import ROOT
 from tests.integrations.playing import Stand, check_same, grade_of, place_of, rehearsed, standing
 
 PROGRAM = Path(__file__).parent / "programs" / "openenv_agent.py"
+SESSION = PROGRAM.with_name("openenv_session.py")
 
 
 @dataclass(frozen=True)
@@ -90,6 +91,30 @@ def test_worlds_and_draws_from_a_curriculum_are_opened(served: Served) -> None:
     assert (drawn["state"]["world"], drawn["state"]["split"]) == (None, "train@1")
     window = httpx.get(f"{served.stand.referee}/curricula/c").json()
     assert drawn["state"]["scene"] in window["steps"][0]
+
+
+def test_a_harness_of_openenv_plays_sessions_with_the_same_episode_and_grade_as_here(served: Served) -> None:
+    stand = served.stand
+    done = stand.run("python", SESSION, stand.model, 30, '{"budget": 30}', '{"scene": 20, "seed": 5}')
+    (said,) = map(json.loads, done.stdout.splitlines())
+    ours = rehearsed(20, 5, budget=30)
+    check_same(stand.episodes()[20, 5, 30], ours)
+    assert (said["done"], said["tools"], said["refused"], said["rewards"]) == (True, 26, 3, [1.0, 1.0])
+    assert said["metrics"] == {"strict": "correct", "graded": 1.0, "outcome": "answered", "calls": said["calls"]}
+    assert said["calls"] == len(ours.turns)
+
+
+def test_the_seed_of_a_group_draws_the_variant_of_a_session(served: Served) -> None:
+    """Without tasks, as for `AsyncGRPOTrainer`, whose rows hold prompts alone."""
+    stand = served.stand
+    before = len(stand.folder.episodes())
+    done = stand.run("python", SESSION, stand.model, 1, '{"split": "train", "budget": 1}', "3", "3", "4")
+    said = [json.loads(line) for line in done.stdout.splitlines()]
+    assert [one["rewards"] for one in said] == [[0.0, 0.0]] * 3
+    assert {one["metrics"]["outcome"] for one in said} == {"budget_exhausted"}
+    first, second, third = [(key.scene, key.seed) for key in list(stand.folder.episodes())[before:]]
+    assert first == second != third
+    assert httpx.get(f"{stand.referee}/healthz").json()["episodes"] == 0
 
 
 def test_openenv_finds_the_package_and_the_running_server_valid(served: Served) -> None:

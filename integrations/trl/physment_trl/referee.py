@@ -1,7 +1,6 @@
 """Episodes on a host, which a referee opens and grades. A call is one POST."""
 
 import contextlib
-import time
 from typing import Any
 
 from physment_laboratory import Laboratory, LaboratoryError
@@ -22,14 +21,8 @@ class PhysMent(LaboratoryEnvironment):
         Raises:
             RefereeError: The referee refused, cannot be reached, or stayed at its limit for ten minutes.
         """
-        referee, until = Referee.from_environment(), time.monotonic() + PATIENCE_S
-        while True:
-            try:
-                return RefereedEpisode(referee, referee.open(**wanted))
-            except RefereeError as error:
-                if error.retry_after_s is None or time.monotonic() + error.retry_after_s > until:
-                    raise
-                time.sleep(error.retry_after_s)
+        referee = Referee.from_environment()
+        return RefereedEpisode(referee, referee.open_when_free(PATIENCE_S, **wanted))
 
 
 class RefereedEpisode:

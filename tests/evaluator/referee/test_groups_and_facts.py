@@ -171,3 +171,15 @@ def test_the_shared_client_opens_groups_and_says_when_to_ask_again(web_server: A
     with web_server(429, b'{"error": "full"}') as url, pytest.raises(client.RefereeError, match="full") as refused:
         client.Referee(url).open(7)
     assert refused.value.retry_after_s is None
+
+
+def test_the_shared_client_waits_for_a_place_as_long_as_it_was_told(web_server: Any) -> None:
+    client = referee_client()
+    one = {"episode_id": "e", "owner_token": "o", "mcp_url": "u", "player_token": "p"}
+    reply = {"prompt": "", "tools": [], "budget": 20, "scene": 7, "episodes": [one]}
+    with web_server(201, json.dumps(reply).encode(), busy=3) as url:
+        assert client.Referee(url).open_when_free(60, scene=7).episode_id == "e"
+    with web_server(201, json.dumps(reply).encode(), busy=3) as url, pytest.raises(client.RefereeError):
+        client.Referee(url).open_when_free(-1, scene=7)
+    with web_server(404, b'{"error": "no such scene"}') as url, pytest.raises(client.RefereeError, match="no such"):
+        client.Referee(url).open_when_free(60, scene=9999)
