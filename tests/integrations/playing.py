@@ -60,13 +60,19 @@ class Stand:
 
 
 @contextlib.contextmanager
-def standing(integration: str, scratch: Path) -> Generator[Stand]:
-    """Create a test stand for an integration; skips the test if its environment is missing."""
+def standing(integration: str, scratch: Path, *options: str) -> Generator[Stand]:
+    """Create a test stand for an integration; skips the test if its environment is missing.
+
+    Args:
+        integration: Name of its environment.
+        scratch: Folder for the run folder of the referee, and for files of the integration.
+        options: Further options of the referee.
+    """
     programs = ENVIRONMENTS / integration / "bin"
     if not programs.is_dir():
         pytest.skip(f"{integration} is not installed; `python -m tests.harness.frameworks {integration}` installs it")
     folder = RunFolder(scratch / "run")
-    command = [sys.executable, "-m", "evaluator", "referee", "--port", "0", "--out", str(folder.path)]
+    command = [sys.executable, "-m", "evaluator", "referee", "--port", "0", "--out", str(folder.path), *options]
     with serving(app()) as model, subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
         assert process.stdout is not None
         try:

@@ -2,12 +2,14 @@
 
 trl_step.py MODEL BACKEND GENERATIONS BUDGET ROW...    prints a line of JSON; a row of the dataset is JSON, too
 
-The model has random weights. With MODEL `random` it samples its replies. If MODEL is an address, the server there
-supplies the replies of the first half of each group, and the second half answers 0 in its first reply. TRL does
-everything else: prompts, parsing, tool calls, rewards, advantages, and the step of the optimiser.
+MODEL is a GGUF file, whose weights transformers dequantises, or stands for a tiny model with random weights. With
+`random` the tiny model samples its replies. If MODEL is an address, the server there supplies the replies of the first
+half of each group, and the second half answers 0 in its first reply. TRL does everything else: prompts, parsing, tool
+calls, rewards, advantages, and the step of the optimiser.
 """
 
 import json
+import resource
 import sys
 import tempfile
 import time
@@ -21,17 +23,19 @@ from datasets import Dataset
 from physment_trl import PhysMent, rows
 from physment_trl.in_process import InProcessPhysMent
 from tokenizers import Tokenizer, decoders, models, pre_tokenizers, trainers
-from transformers import PreTrainedTokenizerFast, Qwen3Config, Qwen3ForCausalLM
+from transformers import AutoModelForCausalLM, AutoTokenizer, PreTrainedTokenizerFast, Qwen3Config, Qwen3ForCausalLM
 from trl import GRPOConfig, GRPOTrainer
 
 MARKS = ["<|endoftext|>", "<|im_start|>", "<|im_end|>"]
+TEMPLATE = (Path(trl.__file__).parent / "chat_templates" / "qwen3.jinja").read_text("utf-8")
+"""TRL's copy of the chat template of Qwen 3. It contains the tools, and delimits messages as ChatML does."""
 ENVIRONMENTS = {"referee": PhysMent, "process": InProcessPhysMent}
 LONGEST = 16384
 """Tokens of a prompt with its completion; the descriptions of the tools and the prompt take about 6,000."""
 
 
 def tokenizer_of(text: str) -> Any:
-    """A byte-level tokenizer made from the text that it will read, with TRL's copy of the chat template of Qwen 3."""
+    """A byte-level tokenizer made from the text that it will read."""
     made = Tokenizer(models.BPE())
     made.pre_tokenizer, made.decoder = pre_tokenizers.ByteLevel(add_prefix_space=False), decoders.ByteLevel()
     alphabet = pre_tokenizers.ByteLevel.alphabet()
@@ -39,7 +43,7 @@ def tokenizer_of(text: str) -> Any:
         [text], trainers.BpeTrainer(vocab_size=1500, special_tokens=MARKS, initial_alphabet=alphabet)
     )
     tokenizer = PreTrainedTokenizerFast(tokenizer_object=made, eos_token=MARKS[2], pad_token=MARKS[0])
-    tokenizer.chat_template = (Path(trl.__file__).parent / "chat_templates" / "qwen3.jinja").read_text("utf-8")
+    tokenizer.chat_template = TEMPLATE
     return tokenizer
 
 
@@ -95,6 +99,28 @@ class ScriptedModel(Qwen3ForCausalLM):
         return self.begun % self.generations >= self.generations // 2
 
 
+def tiny(tokenizer: Any, server: str, generations: int) -> Any:
+    """A model of two layers with random weights."""
+    config = Qwen3Config(
+        vocab_size=len(tokenizer), hidden_size=32, intermediate_size=64, num_hidden_layers=2, num_attention_heads=2,
+        num_key_value_heads=1, head_dim=16, max_position_embeddings=LONGEST, pad_token_id=tokenizer.pad_token_id,
+        eos_token_id=tokenizer.eos_token_id, bos_token_id=None,
+    )  # fmt: skip
+    if server == "random":
+        return Qwen3ForCausalLM(config)
+    model = ScriptedModel(config)
+    model.tokenizer, model.server, model.generations = tokenizer, server, generations
+    return model
+
+
+def pretrained(file: Path) -> tuple[Any, Any]:
+    """The model and the tokenizer of a GGUF file; the weights become floats of 32 bits."""
+    model = AutoModelForCausalLM.from_pretrained(file.parent, gguf_file=file.name, dtype=torch.float32)
+    tokenizer = AutoTokenizer.from_pretrained(file.parent, gguf_file=file.name)
+    tokenizer.chat_template = TEMPLATE
+    return model, tokenizer
+
+
 def main(server: str, backend: str, generations: str, budget: str, *variants: str) -> None:
     """Train for one step, and print what the trainer logged, the conversations, and whether the weights changed."""
     count, environment = int(generations), ENVIRONMENTS[backend]
@@ -102,32 +128,31 @@ def main(server: str, backend: str, generations: str, budget: str, *variants: st
     (blank,) = rows(scenes="7")
     dataset = Dataset.from_list([{"prompt": blank["prompt"], "budget": int(budget), **row} for row in named])
     torch.manual_seed(1)
-    tokenizer = tokenizer_of(probe(environment, named[0]))
-    config = Qwen3Config(
-        vocab_size=len(tokenizer), hidden_size=32, intermediate_size=64, num_hidden_layers=2, num_attention_heads=2,
-        num_key_value_heads=1, head_dim=16, max_position_embeddings=LONGEST, pad_token_id=tokenizer.pad_token_id,
-        eos_token_id=tokenizer.eos_token_id, bos_token_id=None,
-    )  # fmt: skip
-    model = Qwen3ForCausalLM(config) if server == "random" else ScriptedModel(config)
-    if isinstance(model, ScriptedModel):
-        model.tokenizer, model.server, model.generations = tokenizer, server, count
+    if server.endswith(".gguf"):
+        model, tokenizer = pretrained(Path(server))
+    else:
+        tokenizer = tokenizer_of(probe(environment, named[0]))
+        model = tiny(tokenizer, server, count)
+    scripted = isinstance(model, ScriptedModel)
     before = [weight.detach().clone() for weight in model.parameters()]
     with tempfile.TemporaryDirectory() as folder:
         arguments = GRPOConfig(
             output_dir=folder, max_steps=1, num_generations=count, per_device_train_batch_size=count * len(named),
-            max_completion_length=32 if server == "random" else LONGEST // 2, max_tool_calling_iterations=int(budget),
+            max_completion_length=LONGEST // 2 if scripted else 32, max_tool_calling_iterations=int(budget),
             learning_rate=1e-3, logging_steps=1, report_to="none", use_cpu=True, bf16=False, save_strategy="no",
             shuffle_dataset=False, disable_tqdm=True, log_completions=False,
         )  # fmt: skip
         trainer = GRPOTrainer(
             model, args=arguments, train_dataset=dataset, processing_class=tokenizer, environment_factory=environment
         )
-        begun = time.process_time()
+        begun, clock = time.process_time(), time.monotonic()
         trainer.train()
+        spent = {"cpu_s": time.process_time() - begun, "wall_s": time.monotonic() - clock}
     logged = next(entry for entry in trainer.state.log_history if "reward" in entry)
     changed = any(not torch.equal(old, new) for old, new in zip(before, model.parameters(), strict=True))
     again = [one.get_reward() for one in trainer.environments]
-    print(json.dumps({"log": logged, "rewards": again, "changed": changed, "cpu_s": time.process_time() - begun}))
+    spent["memory_mb"] = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1000
+    print(json.dumps({"log": logged, "rewards": again, "changed": changed, **spent}))
 
 
 def probe(environment: Any, variant: dict[str, Any]) -> str:
