@@ -11,8 +11,9 @@ from scenes.works import cheapest, guesses, parts_of_way, refitted, weighed, whi
 
 LATCH, FORCE, START = 1.1, 1.5, 2.0
 PLACE_ERROR, SPEED_ERROR = 0.0007, 0.0018
-REACH, MEMBERS = 1.06, 30
-"""How far the pumping may go, by so many plausible potentials; an unknown cord can only stop the glider earlier."""
+REACH, MEMBERS, EXCLUDED = 1.06, 20, 16.0
+"""How far the pumping may go, by so many plausible potentials of each structure, and the chi-square above the least
+one from which a structure is excluded."""
 LOOKS, FEW_LOOKS = (0.12, 0.3, 0.6, 0.78, 0.9, 1.0), (0.4, 0.7, 1.0)
 """When to look, in shares of a half swing: of one past all rings, and of one that does not come so far."""
 RINGS = 0.7
@@ -76,9 +77,27 @@ def _fitted(kind, readings):
     return refitted(starts, free, doubt, alone, misfits, GUESS, HIGHEST, 1e-9)
 
 
-def _best(readings, kinds=tuple(FREE)):
+def _fits(readings):
+    """The fit of each structure."""
+    return {kind: _fitted(kind, readings) for kind in FREE}
+
+
+def _best(readings):
     """The fit of the best structure, with a price for each parameter."""
-    return cheapest({kind: _fitted(kind, readings) for kind in kinds}, len(_points(readings)[0]))
+    return cheapest(_fits(readings), len(_points(readings)[0]))
+
+
+def _plausible(readings):
+    """Constants of every structure that the points allow, the best first.
+
+    Draws of a structure with a second cord have one of some stiffness. Those without it are needed as well: the glider
+    comes farthest with them, and no point excludes them before the glider has been there.
+    """
+    fits = _fits(readings)
+    best = cheapest(fits, len(_points(readings)[0]))
+    most = min(fit.chi_square for fit in fits.values()) + EXCLUDED
+    others = [fit for fit in fits.values() if fit is not best and fit.chi_square <= most]
+    return np.column_stack([fit.plausible(MEMBERS) for fit in (best, *others)])
 
 
 def _turn(p, energy):
@@ -108,9 +127,7 @@ def _predict(p):
 
 def solve(task):
     """One push to begin with, then half swings that no plausible potential leads too far."""
-    seen = yield from PUMP.pumped(
-        RIG.leg(FORCE, 0.4, looks=4), lambda seen: _best(seen, ("both", "tight")).plausible(MEMBERS)
-    )
+    seen = yield from PUMP.pumped(RIG.leg(FORCE, 0.4, looks=4), _plausible)
     yield [answer(_predict(_best(seen).constants))]
 
 
@@ -122,7 +139,7 @@ def fit(readings, structure):
 def rivals(readings):
     """The cords of each structure, fitted with the errors that follow from the best of them."""
     x, energy, speed, force, doubt = _points(readings)
-    fits = {kind: _fitted(kind, readings) for kind in FREE}
+    fits = _fits(readings)
     best = cheapest(fits, len(x)).constants
     return weighed(
         fits,
