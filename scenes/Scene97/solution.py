@@ -294,7 +294,8 @@ def solve(task):
         if x < 0.6:
             calls = [towed(4.0), *_look(max(0.95 * (0.9 - x) / max(speed, 0.15), 0.4), tug)]
         else:
-            force = tow(CREEP, stream)
+            # A line swings beyond its new pull by what the pull grew, at most: so far it must not come.
+            force = min(tow(CREEP, stream), (PARTS + max(rows[-1, 5] - rows[-1, 4], 0.0)) / 2)
             pace = min(max(speed if force == rows[-1, 5] else CREEP, 0.12), 1.0)
             calls = [towed(force), *_glance(STRETCH / 2 / pace, tug), *_look(STRETCH / 2 / pace, tug)]
         if (
