@@ -21,8 +21,10 @@ PLACES = {"small": 1, "middle": 2, "heavy": 3, "load": 4}
 """Where balls are made, beside the shaft [m]."""
 NEAR, BELOW = 4.5, 5.08
 """Depths from which on the boundary may come, and at which it is passed [m]."""
-QUICK_S, USED_S, LONGEST_S = 40.0, 75.0, 25.0
-"""Time in which half of the load may bring it down, time that is used, and longest wait for a reading [s]."""
+QUICK_S, USED_S, LONGEST_S, CALLS = 40.0, 75.0, 25.0, 130
+"""Time in which half of the load may bring it down, time that is used, and longest wait for a reading [s]; calls."""
+LEAST_N, SPARE, SHORT = 4.0, 0.02, 0.14
+"""Least lift; way that is left above the trap, and way between two decisions near it [m]."""
 READ_M, READ_M_S = 9e-4, 3e-4
 """Standard deviations of a way and of a speed that are read."""
 PARTS, FAR_STEP_S, MOST_STEPS = 32, 0.004, 5000
@@ -178,6 +180,28 @@ def _wait(way, speed):
     return round(min(max(way / max(abs(speed), 1e-3), 0.01), LONGEST_S) / 0.005) * 0.005
 
 
+def _half(way, speed, gain):
+    """Half the time of a way from a speed on, if the speed goes on to gain this much in a second [s]."""
+    return _wait(way / 2, (speed + (speed**2 + 2 * max(gain, 0.0) * way) ** 0.5) / 2)
+
+
+def _gain(seen):
+    """Gain of the sinking speed in a second, between the last two looks.
+
+    It is not exceeded later on, as long as the float stays in the gas and no load is added.
+    """
+    return (seen[-4][1]["velocity"][2] - seen[-1][1]["velocity"][2]) / seen[-3][0].arguments["duration"]
+
+
+def _braking(kg):
+    """Way in which the float stops without this load, over the square of its steady speed under it [s²/m].
+
+    Of all gases, that with the power 2 and the least lift takes longest to stop it.
+    """
+    weight = kg * GRAVITY
+    return FLOAT_KG / 2 / (weight - LEAST_N) * log(weight / LEAST_N)
+
+
 def solve(task):
     """Three loads at the top; down under a load that fits the gas; above the trap, take the load off in parts."""
     seen, spent = [], 0.0
@@ -192,20 +216,26 @@ def solve(task):
     depth, speed = yield from done(motion(_wait(0.08, speed)) * 2)
     depth, middle = yield from done([*_load("middle", MIDDLE_KG), *motion(_wait(0.1, 3 * speed)) * 2])
     depth, speed = yield from done([*_load("heavy", HEAVY_KG), *motion(_wait(0.12, 2 * middle)) * 2])
-    parts = ["heavy", "middle", "small"]
+    parts = {"heavy": HEAVY_KG, "middle": MIDDLE_KG, "small": SMALL_KG}
     leave = []
     if BELOW / middle < QUICK_S:
-        leave, speed = [call("delete_objects", object_id=parts.pop(0))], middle
-    while depth < BELOW:
-        ways = [0.07] * 2 if depth > NEAR - 0.2 else [(NEAR - depth) / 3] * 3
-        depth, speed = yield from done([*leave, *(made for way in ways for made in motion(_wait(way, speed)))])
+        leave = [call("delete_objects", object_id="heavy")]
+        del parts["heavy"]
+    braking = _braking(sum(parts.values()))
+
+    def room():
+        return TRAP - SPARE - depth - braking * speed**2
+
+    while depth < BELOW and room() > 0.7 * SHORT:
+        way = min(SHORT, room() - SHORT / 3) if depth > NEAR - 0.2 else NEAR - depth
+        depth, speed = yield from done([*leave, *(motion(_half(way, speed, _gain(seen))) * 2)])
         leave = []
     for part in (None, *parts):
         calls = [call("delete_objects", object_id=part)] if part else []
-        depth, speed = yield from done(calls + motion(_wait(min(0.05, (TRAP - 0.02 - depth) / 8), speed)) * 2)
-    for _ in range(2):
-        if depth > 0.1 and spent < USED_S:
-            depth, speed = yield from done(motion(min(_wait(0.3, speed), _wait(USED_S - spent, 5))) * 5)
+        depth, speed = yield from done(calls + motion(_wait(min(0.05, max(room(), 0.0) / 8), speed)) * 2)
+    for way in (0.15, 0.3):
+        if depth > 0.1 and spent < USED_S and len(seen) + 15 < CALLS:
+            depth, speed = yield from done(motion(min(_wait(way, speed), _wait(USED_S - spent, 5))) * 5)
     yield [answer(_best(_legs(seen)))]
 
 
