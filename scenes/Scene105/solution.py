@@ -6,6 +6,7 @@ from math import pi
 import numpy as np
 from scipy.optimize import least_squares
 
+from scenes.courses import accepted
 from scenes.family import member
 from scenes.protocol import answer, call
 
@@ -19,6 +20,8 @@ WAIT_S = 12.0
 ROUNDS = 16
 NEAR = 0.96
 """Share of its strength to which a thread is loaded at most."""
+MADE_N = 5.6 * GRAVITY
+"""Weight of all balls that can be made."""
 DENSITY = 1e4
 RESOLUTION = 1e-3
 KINDS = {
@@ -114,7 +117,7 @@ def _total(kinds, constants):
 def _points_of(exchanges):
     """Extensions and tensions of each thread."""
     points, masses, tension = {pan: [] for pan in PANS}, {}, dict.fromkeys(PANS, 0.0)
-    for asked, reading in exchanges:
+    for asked, reading in accepted(exchanges):
         if asked.tool == "create_objects":
             masses[asked.arguments["name"]] = DENSITY * 4 / 3 * pi * asked.arguments["radius"] ** 3
         elif asked.tool == "attach_objects":
@@ -197,7 +200,11 @@ def solve(task):
                 part = max(part, 0.04 * STRENGTH[pan])
             if tension[pan] > 0.83 * STRENGTH[pan]:
                 part = 0.033 * STRENGTH[pan]
-            part = min(part, NEAR * STRENGTH[pan] - tension[pan])
+            # A pan on a stiff thread swings under a new ball, beyond its rest by at most the way to it.
+            part = min(part, NEAR * STRENGTH[pan] - tension[pan], (STRENGTH[pan] - tension[pan]) / 2)
+            part = min(part, MADE_N - sum(tension.values()) - 1e-3)
+            if part < 0.02:
+                continue
             calls += _add(pan, part, number, heights[pan])
             tension[pan] += part
         calls += [call("step", duration=WAIT_S), *(call("get_position", object_id=f"object_{pan}") for pan in active)]
