@@ -1,0 +1,21 @@
+"""The reference agent on seeds at which it once lost the apparatus."""
+
+import pytest
+
+from scenes import find_pack
+from tests.harness.fresh_seeds import verdict
+
+
+@pytest.mark.parametrize(
+    ("scene", "seed"),
+    [
+        pytest.param(
+            28, 1831608469, id="a second cord was presumed where there is none, and the latch held the glider"
+        ),
+        pytest.param(44, 4003639905, id="the float gained speed on a long way, and sank into the trap"),
+        pytest.param(97, 4205994631, id="a force grew fivefold at once, and the line that swung was parted"),
+        pytest.param(105, 2036144970, id="a pan swung under a new ball, and its stiff thread broke"),
+    ],
+)
+def test_the_reference_keeps_the_apparatus(scene: int, seed: int) -> None:
+    assert verdict(find_pack(scene), seed)["right"]
