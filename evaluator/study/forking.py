@@ -102,7 +102,7 @@ def account(stored: Episode, turn: int) -> str:
 
 @dataclass(frozen=True, slots=True)
 class ForkParticipant:
-    """A participant that plays every episode from a fork."""
+    """An agent that continues a copy of a stored episode, after the calls before the chosen turn were replayed."""
 
     inner: AgentParticipant
     stored: Mapping[EpisodeKey, Episode]

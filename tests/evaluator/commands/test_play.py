@@ -164,7 +164,7 @@ class Screen:
     shown: int = field(default=0)
 
     def wait_for(self, text: str) -> None:
-        """Read until a text has been printed since the last wait."""
+        """Read the output of the program until it contains a text after the end of the previous call."""
         deadline = time.monotonic() + 120
         while text not in self.seen[self.shown :]:
             assert time.monotonic() < deadline, self.seen

@@ -51,7 +51,7 @@ class Played:
 
 @dataclass(frozen=True, slots=True)
 class Rehearsed:
-    """The scripted model as an agent of the evaluator. Its play is the expected one for every client."""
+    """The scripted model as an agent of the evaluator, with which the calls of every client are compared."""
 
     name: str = "rehearsed"
 

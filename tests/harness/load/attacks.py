@@ -120,7 +120,7 @@ def _refused_openings(_path: str) -> Iterable[bytes]:
 
 
 async def long_steps(target: Target) -> None:
-    """Repeat steps of one minute of laboratory time; open a new episode when the time is used up."""
+    """Call `step` again and again, each time for one minute of simulated time; open a new episode at the time limit."""
     target.begun.set()
 
     async def use(connection: Connection) -> None:
