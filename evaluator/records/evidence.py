@@ -49,10 +49,10 @@ class CallEvidence(Record):
 
 
 def worst_bound(bounds: Iterable[float], chances: Iterable[float]) -> float:
-    """Return the largest error bound, where each probability of a right choice counts as a bound [tolerances].
+    """Return the largest error bound of the parts of the answer [tolerances]; a choice counts by its equivalent bound.
 
-    A probability p counts as the bound SUFFICIENT · q(CERTAIN) / q(p). There q(p) is the half width of the interval
-    that contains a standard normal variable with probability p.
+    A choice that is right with probability p has the equivalent bound SUFFICIENT · q(CERTAIN) / q(p). There q(p) is the
+        half width of the interval that contains a standard normal variable with probability p.
     """
     certain = _quantile(CERTAIN)
     found = [SUFFICIENT * certain / _quantile(chance) for chance in chances if chance < 1]

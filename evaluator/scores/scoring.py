@@ -176,8 +176,8 @@ def law_grade(episode: Episode, keys: KeyRing, stored: GradeRecord | None = None
 
     Args:
         episode: The recorded episode.
-        keys: Laws of the packs that it was played on.
-        stored: An earlier grade, which is kept if nothing has changed.
+        keys: The true laws of all scenes.
+        stored: An earlier grade. It is returned if pack, law and version of the grader are still the same.
 
     Raises:
         UsageError: The pack is malformed.
