@@ -329,7 +329,13 @@ async def test_the_reference_finds_the_key_through_mcp(scene: int, memory: Episo
     assert reasons_of([check_key(subject, [await play_reference(subject, 0, memory)])]) == []
 
 
-@pytest.mark.parametrize("scene", SCENES[::10])
+@pytest.mark.parametrize(
+    "scene",
+    [
+        *SCENES[::30],
+        *[pytest.param(scene, marks=pytest.mark.every_scene) for scene in SCENES[::10] if scene not in SCENES[::30]],
+    ],
+)
 async def test_twins_and_steps_hold_for_a_sample_of_the_scenes(scene: int, memory: EpisodeConnector) -> None:
     """The reference plays seed 0 through MCP and seed 1 on a session, without a server."""
     files = find_pack(scene)
