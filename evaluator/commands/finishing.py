@@ -1,10 +1,12 @@
 """The last step of commands that play or grade a run: writes grades, summary and report, and prints results."""
 
+import functools
 import sys
 from collections.abc import Collection, Sequence
 from pathlib import Path
 
 from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
 from evaluator.answers.keys import KeyRing
 from evaluator.commands.terminal import print_results
@@ -46,7 +48,11 @@ def finish(
     Returns:
         The exit code: 1 if episodes are missing or could not be played.
     """
-    graded = grade_run(folder, keys, withhold=is_withheld(folder), kept=kept, keep_laws=keep_laws)
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+    with Progress(*columns, console=console, disable=not console.is_terminal, transient=True) as bar:
+        tracked = functools.partial(bar.track, description="grading")
+        withhold = is_withheld(folder)
+        graded = grade_run(folder, keys, withhold=withhold, kept=kept, keep_laws=keep_laws, tracked=tracked)
     report_on(folder, graded.rows, keys, note or seal_note(folder))
     print_results(console, graded)
     if kept:

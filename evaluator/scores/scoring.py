@@ -3,7 +3,7 @@
 Each episode is scored once. Output, reports and comparisons use that result.
 """
 
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from typing import NamedTuple
 
 from pydantic import JsonValue
@@ -82,6 +82,7 @@ def grade_run(
     withhold: bool = False,
     kept: Collection[int] = (),
     keep_laws: bool = False,
+    tracked: Callable[[Sequence[Episode]], Iterable[Episode]] = iter,
 ) -> GradedRun:
     """Grade and score all episodes of a run, and write its grades and its summary.
 
@@ -94,13 +95,16 @@ def grade_run(
         kept: Scenes whose stored grades are kept, because the packs here are not those of the run.
         keep_laws: Whether to keep the stored grades of laws that have not changed, which take about a second each.
             Only for a run whose grades this program has written.
+        tracked: Yields the given episodes and shows the progress.
 
     Raises:
         UsageError: A pack is malformed or gives no key, or an episode has no stored grade that could be kept.
         StoreError: The folder cannot be read or written.
     """
     before = folder.grades()
-    rows = graded_rows(folder, keys, withhold=withhold, kept=kept, before=before if keep_laws else None)
+    rows = graded_rows(
+        folder, keys, withhold=withhold, kept=kept, before=before if keep_laws else None, tracked=tracked
+    )
     records = [row.record for row in rows]
     changes = _changes(before, records)
     if changes:
@@ -118,6 +122,7 @@ def graded_rows(
     withhold: bool = False,
     kept: Collection[int] = (),
     before: Mapping[EpisodeKey, GradeRecord] | None = None,
+    tracked: Callable[[Sequence[Episode]], Iterable[Episode]] = iter,
 ) -> list[ScoredEpisode]:
     """Grade and score the episodes of a run. Writes nothing.
 
@@ -127,6 +132,7 @@ def graded_rows(
         withhold: Whether to omit answer keys and reasons from the grades.
         kept: Scenes whose stored grades are kept.
         before: Earlier grades, of which those of unchanged laws are kept; None to grade all laws again.
+        tracked: Yields the given episodes and shows the progress.
 
     Raises:
         UsageError: A pack is malformed or gives no key, or an episode has no stored grade that could be kept.
@@ -147,7 +153,8 @@ def graded_rows(
             update={"answer_key": None, "grade": record.grade.model_copy(update={"reason": WITHHELD})}
         )
 
-    return [score_episode(one, graded(one), keys, evidence.get(one.key)) for one in folder.episodes().values()]
+    episodes = tracked(list(folder.episodes().values()))
+    return [score_episode(one, graded(one), keys, evidence.get(one.key)) for one in episodes]
 
 
 def _stored(episode: Episode, stored: Mapping[EpisodeKey, GradeRecord]) -> GradeRecord:

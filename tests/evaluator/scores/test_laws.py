@@ -1,13 +1,14 @@
 """Tests that summaries, reports and comparisons show predictions and laws as two columns."""
 
 import json
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
 from evaluator.answers.keys import KeyRing
-from evaluator.records.episode import EpisodeKey, LawGrade, Verdict
+from evaluator.records.episode import Episode, EpisodeKey, LawGrade, Verdict
 from evaluator.report.agent_results import agent_results
 from evaluator.report.agent_tables import laws_table
 from evaluator.report.page import render
@@ -133,6 +134,18 @@ def test_grading_a_run_again_does_not_trust_the_grade_of_a_law_that_it_finds(fol
     assert again.rows[0].record == record
     line = "scene 201 seed 1 x: law equivalent → not equivalent (the stored grade is not that of this grader)"
     assert again.changes[0] == line
+
+
+def test_the_episodes_of_a_run_are_graded_as_the_caller_tracks_them(folder: RunFolder) -> None:
+    seen: list[Episode] = []
+
+    def tracked(episodes: Sequence[Episode]) -> Iterator[Episode]:
+        for one in episodes:
+            seen.append(one)
+            yield one
+
+    rows = grade_run(folder, KeyRing(), tracked=tracked).rows
+    assert seen == [row.episode for row in rows] == list(folder.episodes().values())
 
 
 def test_an_episode_without_a_law_or_of_another_scene_has_no_grade_of_a_law() -> None:
