@@ -44,6 +44,20 @@ COLUMNS = {
     "metadata": "JSON: rung, category, answer_parts, chance, calls and iterations of the reference",
 }
 Row = dict[str, Any]
+_EVALUATED = SPLITS[-1]
+_BENCHMARK = f"""\
+name: PhysMent
+description: >
+  Physical reasoning by experiment: an agent gets a MuJoCo laboratory with 26 tools, finds out by measurements what a
+  question needs, and answers once. The data set has the opening prompts and the tools; the laboratory is a program,
+  physment-mcp.
+evaluation_framework: inspect-ai
+tasks:
+  - id: physment
+    config: default
+    split: {_EVALUATED}
+"""
+"""Format: https://huggingface.co/docs/hub/eval-results. The plugin physment-inspect has the task for Inspect AI."""
 
 
 @dataclass(slots=True)
@@ -62,6 +76,8 @@ async def write_tasks(
     folder: Path, laboratory: EpisodeConnector, variants: Variants, per_scene: int, scenes: Sequence[int] | None = None
 ) -> list[WrittenSplit]:
     """Write the rows of all splits as JSON lines, as Parquet if pyarrow is installed, and a data card.
+
+    With the split `test`, also writes `eval.yaml`, by which the Hugging Face Hub lists a data set as a benchmark.
 
     Args:
         folder: Existing folder to write to.
@@ -101,6 +117,8 @@ async def write_tasks(
         done.append(written)
     try:
         (folder / "README.md").write_text(card(done, per_scene), encoding="utf-8")
+        if any(split.label.startswith(f"{_EVALUATED}@") for split in done):
+            (folder / "eval.yaml").write_text(_BENCHMARK, encoding="utf-8")
     except OSError as error:
         raise StoreError(f"{folder} cannot be written: {error.strerror or error}") from error
     return done

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+import yaml
 
 from evaluator.answers.keys import KeyRing
 from evaluator.commands.program import main
@@ -63,6 +64,18 @@ def test_the_splits_share_no_scene_and_a_split_without_one_has_no_file(folder: P
     assert "validation" not in card.split("---")[1]
     assert "| train@1 | 1 | 2 |" in card
     assert CANARY in card
+
+
+def test_a_data_set_with_the_test_split_declares_it_as_a_benchmark(folder: Path, tmp_path: Path) -> None:
+    declared = yaml.safe_load((folder / "eval.yaml").read_text(encoding="utf-8"))
+    (task,) = declared["tasks"]
+    card = yaml.safe_load((folder / "README.md").read_text(encoding="utf-8").split("---")[1])
+    (config,) = card["configs"]
+    assert task["config"] == config["config_name"]
+    assert task["split"] in {file["split"] for file in config["data_files"]}
+    assert declared["evaluation_framework"] == "inspect-ai"
+    assert main(["export", "--to", "tasks", "--out", str(tmp_path / "train"), "--scenes", str(TRAIN)]) == 0
+    assert not (tmp_path / "train" / "eval.yaml").exists()
 
 
 @pytest.mark.skipif(find_spec("pyarrow") is None, reason="pyarrow, the extra `parquet`, is not installed")
