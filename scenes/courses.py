@@ -147,6 +147,9 @@ class Laws:
     """Number of the best of these points that are refined."""
     rounds: int = 15
     """Largest number of iterations of a refinement."""
+    hopeless: float = np.inf
+    """Factor by which chi-square leg by leg may exceed that of the best structure. Structures beyond it are not fitted
+    to the whole course, which takes most of the time."""
     price: float = 4.0
     """Penalty in chi-square for each constant."""
     plain: Sequence[str] = ()
@@ -158,18 +161,29 @@ class Laws:
         `search` is the number of the random search. Later searches use other and more starting points, and fit growing
         parts of the course, because the fit of a long course has many local minima.
         """
+        return self._by_course(course, structure, self._by_legs(course, structure, search), search)
+
+    def _by_legs(self, course: Course, structure: str, search: int) -> list[Array]:
+        """Return fits of a structure leg by leg from several starting points, the best first."""
         starts = np.random.default_rng(search).random((len(self.names(structure)), self.starts * (1 + search)))
 
         def legs(units: Array) -> Array:
             return self.misfits(course, structure, units, by_legs=True)
 
+        order = np.argsort(np.log1p(legs(starts) ** 2).sum(axis=0))[: self.tried * (1 + search)]
+        return sorted(
+            (refined(legs, starts[:, start], self.rounds) for start in order),
+            key=lambda unit: chi_square(legs, unit),
+        )
+
+    def _by_course(
+        self, course: Course, structure: str, found: Sequence[Array], search: int
+    ) -> tuple[float, dict[str, float]]:
+        """Return chi-square and constants of the best fit of the whole course that starts from fits leg by leg."""
+
         def whole(units: Array) -> Array:
             return self.misfits(course, structure, units, by_legs=False)
 
-        order = np.argsort(np.log1p(legs(starts) ** 2).sum(axis=0))[: self.tried * (1 + search)]
-        found = sorted(
-            (refined(legs, starts[:, start], self.rounds) for start in order), key=lambda unit: chi_square(legs, unit)
-        )
         parts = _PARTS if search else (1.0,)
         trials = [self._followed(course, structure, start, parts) for start in found[: 1 + search]]
         unit = min(trials, key=lambda trial: chi_square(whole, trial))
@@ -206,17 +220,32 @@ class Laws:
 
         The search is repeated from other starting points while no structure explains the course and the fit improves.
         """
-        fits = {structure: self.fitted(course, structure) for structure in self.structures}
+        fits = self._searched(course, 0)
         for search in range(1, _SEARCHES):
             before = min(cost for cost, _ in fits.values())
             if before < self.explained(course):
                 break
-            again = {structure: self.fitted(course, structure, search) for structure in self.structures}
+            again = self._searched(course, search)
             fits = {name: min(fits[name], again[name], key=lambda fit: fit[0]) for name in fits}
             # No search can fit a course that none of the laws produced, for example one during which a catch acted.
             if min(cost for cost, _ in fits.values()) > _IN_VAIN * before:
                 break
         return fits
+
+    def _searched(self, course: Course, search: int) -> dict[str, tuple[float, dict[str, float]]]:
+        """Return chi-square and constants of every structure after one search; infinity for hopeless ones."""
+        found = {structure: self._by_legs(course, structure, search) for structure in self.structures}
+        costs = {
+            structure: chi_square(lambda units, by=structure: self.misfits(course, by, units, by_legs=True), units[0])
+            for structure, units in found.items()
+        }
+        least = min(costs.values())
+        return {
+            structure: self._by_course(course, structure, units, search)
+            if costs[structure] <= self.hopeless * least
+            else (np.inf, {name: float(value) for name, value in self.constants(structure, units[0]).items()})
+            for structure, units in found.items()
+        }
 
     @staticmethod
     def explained(course: Course) -> float:

@@ -2,11 +2,12 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 
 from scenes.courses import Array, Course, Laws, force, position, recorded, velocity
+from scenes.local_law import LocalLaw
 from scenes.protocol import AnswerValue, Call, Exchanges, Protocol, answer, call
 
 PUCK = "object_1"
@@ -26,6 +27,10 @@ TO_AND_FRO = (
 """Alternating, growing pushes for a puck of unknown mass: fx, fy [N], duration [s]."""
 _SIZES = (0.25, 0.5, 0.75, 1.0)
 """Candidate magnitudes of pushes, as fractions of the largest."""
+_WEAK_KG = 0.5
+"""Weight of the regularisation of the mass estimate of a floor without `wanders`."""
+_PARTS = 8
+"""Number of parts of a push, and of the time for which the puck coasts, after which its place is predicted."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,6 +75,9 @@ class PuckFloor:
     """Whether pushes compensate an estimated uniform force."""
     idle_legs: int = 0
     """Number of initial legs without a push, which distinguish a uniform force from a small mass."""
+    wanders: float = 0.0
+    """Standard deviation by which the unknown force per mass changes from reading to reading [m/s²]. With it, pushes
+    are planned by `LocalLaw`, and `slowed` and `drifts` do not count. Without it, that force is taken for uniform."""
     patience: int | None = None
     """Number of legs after which an unreached target is abandoned, because a force may keep the puck away from it."""
 
@@ -86,6 +94,8 @@ class PuckFloor:
                 pushed = self.steer(place, speed, target)
             elif leg < self.idle_legs:
                 pushed = np.zeros(2)
+            elif self.wanders:
+                pushed = self.planned(np.concatenate([place, speed]), target, self.local(seen), mass)
             else:
                 pushed = mass * (self.aimed(place, speed, target) - (self.drift(seen) if self.drifts else 0.0))
             calls = self.push(pushed, self.leg_s)
@@ -128,36 +138,57 @@ class PuckFloor:
         return [pushed, *([call("step", duration=look), *eyes] * self.looks)]
 
     def mass(self, readings: Exchanges) -> float:
-        """Estimate the mass by a linear law with drag, a transverse force and a uniform force."""
-        return float(1 / np.clip(self._plain(readings)[0], 1 / self.heaviest_kg, 1 / self.lightest_kg))
+        """Estimate the mass by the linear law. With `wanders`, return the mass that is one standard error less."""
+        law = self.local(readings)
+        lightness = law.lightness + (law.error if self.wanders else 0.0)
+        return float(1 / np.clip(lightness, 1 / self.heaviest_kg, 1 / self.lightest_kg))
 
     def drift(self, readings: Exchanges) -> Array:
-        """Estimate the uniform force per mass by the same linear law [m/s²]."""
-        return np.clip(self._plain(readings)[3:], -self.haste, self.haste) if readings else np.zeros(2)
+        """Estimate the uniform force per mass by the linear law [m/s²]."""
+        return np.clip(self.local(readings).other, -self.haste, self.haste)
 
-    def _plain(self, readings: Exchanges) -> Array:
-        """Fit the linear law: 1/mass, drag and transverse force per speed and mass, and uniform force per mass."""
-        course, sigma = _course(readings), self.laws.sigma[2]
-        durations, after = course.durations, course.readings[:, 2:4]
-        before = np.vstack([[0.0, 0.0], after[:-1]])
-        (fx, fy), (vx, vy) = course.controls[:, :2].T, (before + after).T / 2
-        ones, none = np.ones_like(durations), np.zeros_like(durations)
-        rows = np.concatenate([np.array([fx, -vx, vy, ones, none]).T, np.array([fy, -vy, -vx, none, ones]).T])
-        rows *= np.tile(durations, 2)[:, None] / sigma
-        changes = (after - before).T.ravel() / sigma
-        weak = 0.5 * np.eye(5)
-        right = np.concatenate([changes, np.zeros(5)])
-        return cast(Array, np.linalg.lstsq(np.vstack([rows, weak]), right, rcond=None)[0])
+    def local(self, readings: Exchanges) -> LocalLaw:
+        """Fit the linear law to the readings so far."""
+        if not readings:
+            return LocalLaw(1 / self.lightest_kg)
+        weak = self.lightest_kg if self.wanders else _WEAK_KG
+        return LocalLaw.fitted(_course(readings), self.laws.sigma[2], self.wanders, weak)
+
+    def planned(self, state: Array, target: Array, law: LocalLaw, mass: float) -> Array:
+        """Return the force that should bring the puck nearest to a target, within the safe radius.
+
+        It should stay within that radius even if the mass is one standard error less than estimated.
+
+        Args:
+            state: x, y, vx, vy.
+            target: x, y.
+            law: The law by which the course is predicted.
+            mass: Mass that limits the force [kg].
+        """
+        pushes = mass * np.vstack([np.zeros(2), self._pushes()]).T
+        likely = np.clip(law.lightness, 1 / self.heaviest_kg, 1 / self.lightest_kg)
+        now, out = np.zeros((len(state), pushes.shape[1])), np.zeros(pushes.shape[1])
+        for lightness in (likely + law.error, likely):
+            now = state[:, None] + np.zeros(pushes.shape[1])
+            for part in range(2 * _PARTS):
+                pushed, lasting = (lightness * pushes, self.leg_s) if part < _PARTS else (0 * pushes, self.coasts_s)
+                now = law.followed(now, pushed, lasting / _PARTS)
+                out = np.maximum(out, np.hypot(now[0], now[1]) - self.safe_m)
+        return pushes[:, np.argmin(np.hypot(now[0] - target[0], now[1] - target[1]) + 10 * out)]
 
     def aimed(self, place: Array, speed: Array, target: Array) -> Array:
         """Return the push per mass that brings the puck to rest nearest to a target, within the safe radius."""
-        angles = np.linspace(0, 2 * np.pi, 25)[:-1]
-        ways = np.array([np.cos(angles), np.sin(angles)]).T
-        pushes = np.concatenate([size * self.haste * ways for size in _SIZES])
+        pushes = self._pushes()
         after = self.slowed * (speed + self.leg_s * pushes)
         rest = place + self.leg_s * (speed + after) / 2 + self.coasts_s * after
         out = np.maximum(np.hypot(*rest.T) - self.safe_m, 0.0)
         return pushes[np.argmin(np.hypot(*(rest - target).T) + 10 * out)]
+
+    def _pushes(self) -> Array:
+        """Return candidate pushes per mass in all directions; shape (n, 2)."""
+        angles = np.linspace(0, 2 * np.pi, 25)[:-1]
+        ways = np.array([np.cos(angles), np.sin(angles)]).T
+        return np.concatenate([size * self.haste * ways for size in _SIZES])
 
 
 def _course(readings: Exchanges) -> Course:

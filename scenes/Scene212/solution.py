@@ -103,6 +103,7 @@ LAWS = Laws(
     starts=500,
     tried=4,
     rounds=15,
+    hopeless=5.0,
 )
 FLOOR = PuckFloor(
     laws=LAWS,
@@ -112,7 +113,7 @@ FLOOR = PuckFloor(
     safe_m=3.6,
     haste=4.0,
     leg_s=0.9,
-    slowed=0.6,
+    wanders=0.5,
     coasts_s=0.5,
 )
 solve, batch, fit = FLOOR.solve, FLOOR.batch, FLOOR.fit

@@ -47,6 +47,13 @@ def test_the_structure_that_made_the_course_is_preferred() -> None:
     assert LAWS.best(_course())[0] == "linear"
 
 
+def test_a_hopeless_structure_is_not_fitted_to_the_whole_course() -> None:
+    fits = replace(LAWS, hopeless=5.0).fits(_course())
+    assert fits["linear"] == LAWS.fits(_course())["linear"]
+    assert fits["square"][0] == np.inf > LAWS.fits(_course())["square"][0]
+    assert replace(LAWS, hopeless=5.0).best(_course())[0] == "linear"
+
+
 def test_missing_readings_are_left_out() -> None:
     course = _course()
     course.readings[1] = np.nan

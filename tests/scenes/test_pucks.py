@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from scenes.courses import Array, Knobs, Laws
+from scenes.local_law import LocalLaw
 from scenes.protocol import Call
 from scenes.pucks import PUCK, PuckFloor
 
@@ -133,3 +134,22 @@ def test_a_puck_that_drifts_is_first_watched_and_then_held_on_the_floor(wind: tu
         calls = playing.send(readings)
     assert floor.drift(seen) == pytest.approx(np.array(wind) / MASS, rel=0.05, abs=0.02)
     assert floor.mass(seen) == pytest.approx(MASS, rel=0.05)
+
+
+@pytest.mark.parametrize("wind", [(0.0, 0.0), (0.5, -0.3), (-0.8, 0.0)])
+def test_a_force_that_acts_besides_never_leads_a_puck_of_unknown_mass_to_the_rim(wind: tuple[float, float]) -> None:
+    floor = replace(FLOOR, wanders=0.5, legs=12)
+    playing, state, held = floor.solve(""), np.zeros(4), np.zeros(2)
+    seen, calls = list[tuple[Call, Any]](), next(playing)
+    while calls[-1].tool != "answer":
+        readings, state, held = _read(calls, state, held, np.array(wind))
+        assert np.hypot(*state[:2]) < FLOOR.safe_m + 0.5
+        seen += zip(calls, readings, strict=True)
+        calls = playing.send(readings)
+    assert floor.mass(seen) < 1 / floor.local(seen).lightness == pytest.approx(MASS, rel=0.05)
+
+
+def test_a_push_is_smaller_if_the_mass_may_be_smaller() -> None:
+    state, target = np.array([0.6, 0.0, 0.2, 0.0]), np.array([1.9, 0.0])
+    sure, unsure = (FLOOR.planned(state, target, LocalLaw(1 / MASS, error), MASS) for error in (0.0, 2 / MASS))
+    assert sure[0] > unsure[0]
