@@ -13,7 +13,9 @@ from typing import Any
 import numpy as np
 from scipy.special import chdtri
 
-from scenes.courses import Array, Course, Laws, refined
+from scenes.course_record import Course
+from scenes.courses import Laws
+from scenes.fitting import Array, refined
 from scenes.protocol import AnswerValue, Member
 
 EXCLUDED_SIGMAS = 4.0

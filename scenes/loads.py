@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from scenes.courses import Course, accepted
+from scenes.course_record import Course, accepted
 from scenes.protocol import Call, Exchanges, Reading, call
 
 GRAVITY = 9.81

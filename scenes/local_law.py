@@ -5,7 +5,7 @@ from typing import Self
 
 import numpy as np
 
-from scenes.courses import Course
+from scenes.course_record import Course
 from scenes.fitting import Array, advanced
 
 _LONGEST_S = 0.1

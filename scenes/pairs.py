@@ -11,7 +11,9 @@ from typing import Any
 import numpy as np
 from scipy.optimize import brentq
 
-from scenes.courses import Array, Course, Knobs, Laws, force, position, velocity
+from scenes.course_record import Course, force, position, velocity
+from scenes.courses import Knobs, Laws
+from scenes.fitting import Array
 from scenes.protocol import Call, Exchanges, Reading
 from scenes.rigs import Rig
 

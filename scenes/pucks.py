@@ -6,7 +6,9 @@ from typing import Any
 
 import numpy as np
 
-from scenes.courses import Array, Course, Laws, force, position, recorded, velocity
+from scenes.course_record import Course, force, position, recorded, velocity
+from scenes.courses import Laws
+from scenes.fitting import Array
 from scenes.local_law import LocalLaw
 from scenes.protocol import AnswerValue, Call, Exchanges, Protocol, answer, call
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from scenes.courses import Array
+from scenes.fitting import Array
 from scenes.protocol import Call, Exchanges, Reading
 from scenes.rigs import Rig, lasting
 from scenes.works import parts_of_way

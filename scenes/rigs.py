@@ -9,7 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from scenes.courses import Array, Channel, Course, recorded
+from scenes.course_record import Channel, Course, recorded
+from scenes.fitting import Array
 from scenes.protocol import Call, Exchanges, Reading, call
 
 TICK_S = 0.005

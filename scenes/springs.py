@@ -12,8 +12,8 @@ from typing import Any, cast
 import numpy as np
 from scipy.optimize import least_squares
 
-from scenes.courses import Array
 from scenes.family import member
+from scenes.fitting import Array
 from scenes.protocol import AnswerValue, Member
 
 Law = tuple[float, ...]

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from scipy.optimize import least_squares
 
-from scenes.courses import Array
+from scenes.fitting import Array
 from scenes.protocol import Call, Exchanges, Reading, call
 
 _REST_S = 1.0

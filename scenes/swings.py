@@ -12,7 +12,8 @@ from typing import Any
 import numpy as np
 from scipy.optimize import least_squares
 
-from scenes.courses import PLAIN, Course, Knobs, Laws, Predictor
+from scenes.course_record import Course
+from scenes.courses import PLAIN, Knobs, Laws, Predictor
 from scenes.fitting import Array, refined
 from scenes.protocol import Call, Protocol, answer
 from scenes.rigs import Rig

@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 from scipy.optimize import least_squares
 
-from scenes.courses import Array
 from scenes.family import member
+from scenes.fitting import Array
 from scenes.loads import dense_ball, joined
 from scenes.protocol import AnswerValue, Call, Member, Reading, call
 from scenes.springs import next_load, resisted, spin_errors

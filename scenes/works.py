@@ -11,8 +11,9 @@ from math import pi
 import numpy as np
 from scipy.optimize import least_squares
 
-from scenes.courses import Array, accepted
+from scenes.course_record import accepted
 from scenes.family import member, plausible_constants
+from scenes.fitting import Array
 from scenes.protocol import AnswerValue, Exchanges, Member
 from scenes.rigs import Rig
 

@@ -12,7 +12,8 @@ from typing import Any
 
 import numpy as np
 
-from scenes.courses import Course, Laws
+from scenes.course_record import Course
+from scenes.courses import Laws
 from scenes.fitting import Array
 from scenes.worlds.drawing import searched
 from scenes.worlds.equations import followed, rates_of

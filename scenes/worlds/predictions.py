@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from scenes.courses import Course
+from scenes.course_record import Course
 from scenes.fitting import Array, refined
 from scenes.worlds.answering import answers
 from scenes.worlds.candidates import Fit, score_of

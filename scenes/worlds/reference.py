@@ -8,7 +8,7 @@ from collections.abc import Callable, Generator, Mapping
 
 import numpy as np
 
-from scenes.courses import Course
+from scenes.course_record import Course
 from scenes.fitting import Array
 from scenes.protocol import Call, Protocol, Reading, answer, call, with_law
 from scenes.worlds.answering import answers

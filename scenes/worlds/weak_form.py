@@ -18,7 +18,7 @@ from typing import Any, cast
 
 import numpy as np
 
-from scenes.courses import Course
+from scenes.course_record import Course
 from scenes.fitting import Array, advanced
 from scenes.worlds.drawing import searched
 from scenes.worlds.equations import rates_of

@@ -5,7 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from scenes.courses import PLAIN, Array, Course, Knobs, Laws, Predictor, force, position, recorded, velocity
+from scenes.course_record import Course, force, position, recorded, velocity
+from scenes.courses import PLAIN, Knobs, Laws, Predictor
+from scenes.fitting import Array
 from scenes.protocol import call
 
 MASS, DRAG = 2.0, 0.7

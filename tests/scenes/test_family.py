@@ -6,8 +6,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from scenes.courses import Array, Course, Knobs, Laws
+from scenes.course_record import Course
+from scenes.courses import Knobs, Laws
 from scenes.family import member, members, reduced_chi_square, scattered, surviving
+from scenes.fitting import Array
 from scenes.protocol import AnswerValue, Member
 
 SIGMA = 0.1

@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from scenes.courses import Array, Course
+from scenes.course_record import Course
+from scenes.fitting import Array
 from scenes.local_law import LocalLaw
 
 MASS, SIGMA = 2.5, 0.002

@@ -6,7 +6,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from scenes.courses import Array, Knobs, Laws
+from scenes.courses import Knobs, Laws
+from scenes.fitting import Array
 from scenes.local_law import LocalLaw
 from scenes.protocol import Call
 from scenes.pucks import PUCK, PuckFloor

@@ -6,7 +6,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from scenes.courses import Array, force, position, velocity
+from scenes.course_record import force, position, velocity
+from scenes.fitting import Array
 from scenes.protocol import Call
 from scenes.pumping import Pump, turning_ways
 from scenes.rigs import Rig, lasting

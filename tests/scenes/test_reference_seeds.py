@@ -15,6 +15,7 @@ from tests.harness.fresh_seeds import verdict
         pytest.param(44, 4003639905, id="the float gained speed on a long way, and sank into the trap"),
         pytest.param(97, 4205994631, id="a force grew fivefold at once, and the line that swung was parted"),
         pytest.param(105, 2036144970, id="a pan swung under a new ball, and its stiff thread broke"),
+        pytest.param(212, 1924654402, id="a wrong mass led the puck into the rim"),
     ],
 )
 def test_the_reference_keeps_the_apparatus(scene: int, seed: int) -> None:

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from scenes.courses import force, position, velocity
+from scenes.course_record import force, position, velocity
 from scenes.protocol import Call
 from scenes.rigs import Rig, motion
 

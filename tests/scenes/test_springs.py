@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
-from scenes.courses import Array
 from scenes.family import surviving
+from scenes.fitting import Array
 from scenes.springs import KINDS, best, drawn, drawn_kinds, energy, fitted, members, next_load, pull, resisted, stretch
 
 LAWS = {"even": (50.0,), "cubic": (50.0, 50.0 / 0.3**2), "late": (50.0, 75.0, 0.2123)}

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from scenes.courses import Array
+from scenes.fitting import Array
 from scenes.protocol import Call, Exchanges, call
 from scenes.steps import LateParts, PushSteps, fitted_from, fitted_strengths
 

@@ -5,7 +5,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from scenes.courses import PLAIN, Array, Course, Knobs, Laws, Predictor, force, position, velocity
+from scenes.course_record import Course, force, position, velocity
+from scenes.courses import PLAIN, Knobs, Laws, Predictor
+from scenes.fitting import Array
 from scenes.protocol import Call, Exchanges
 from scenes.rigs import Rig
 from scenes.swings import LegFit, Swing, SwingPlan, to_a_side, to_and_fro

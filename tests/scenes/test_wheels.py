@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from scenes.courses import Array
+from scenes.fitting import Array
 from scenes.loads import hung, mass_of
 from scenes.protocol import Call
 from scenes.wheels import LoadedPan, left_spin, resisted_member

@@ -6,8 +6,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from scenes.courses import Array, force, position, velocity
+from scenes.course_record import force, position, velocity
 from scenes.family import scattered, surviving
+from scenes.fitting import Array
 from scenes.protocol import Call
 from scenes.rigs import Rig
 from scenes.works import Refit, cheapest, guesses, parts_of_way, refitted, weighed, whitening, work_points
