@@ -79,6 +79,11 @@ export function cameraFor(drawing: Drawing, moments: Poses[], aspect: number, ma
   };
 }
 
+/** Corners of what `cameraFor` shows whole, in the world. */
+export function thingsOf(drawing: Drawing, moments: Poses[], marks: Points = []): Points {
+  return subjectOf(drawing, moments, marks).things;
+}
+
 function fitted(points: Points, start: Triple, limits: [number, number]): { centre: Triple; distance: number } {
   let centre = start;
   let distance = 0;

@@ -3,12 +3,14 @@
 import { Group, PCFShadowMap, PerspectiveCamera, Scene, Vector3, WebGLRenderer } from "three";
 import { OrbitControls } from "three/addons/controls/OrbitControls.js";
 
+import { Aim } from "./aim.js";
 import { bodyIds, type Drawing, type Poses, type Readings, titleOf, type Triple } from "./drawing.js";
 import { ForceDrag } from "./force_drag.js";
-import { type Camera, cameraFor, FIELD, FORWARD, topOf } from "./framing.js";
+import { FIELD, topOf } from "./framing.js";
 import { orbitBy } from "./orbiting.js";
 import { Overlay } from "./overlay.js";
 import { middleOf, objectAt } from "./picking.js";
+import { metres } from "./ruler.js";
 import { bodyGroup, dispose } from "./shapes.js";
 import { unseenOf } from "./sketch.js";
 import { Stage } from "./stage.js";
@@ -40,6 +42,7 @@ export class LabView {
   private readonly scene = new Scene();
   private readonly camera = new PerspectiveCamera(FIELD, 1, 0.01, 100);
   private readonly controls: OrbitControls;
+  private readonly aim: Aim;
   private readonly stage: Stage;
   private readonly overlay = new Overlay();
   private readonly world = new Group();
@@ -47,9 +50,6 @@ export class LabView {
   private readonly ends = new AbortController();
   private drawing: Drawing = { bodies: [] };
   private poses: Poses = {};
-  private framed: Camera | null = null;
-  private moments: Poses[] = [];
-  private marks: Triple[] = [];
   private read: Readings = {};
   private hover: OnHover | null = null;
   /** Lets people draw forces, once it has rules. */
@@ -73,6 +73,7 @@ export class LabView {
     if (container.tabIndex < 0) container.tabIndex = 0;
     container.append(this.renderer.domElement, this.overlay.element);
     this.controls = new OrbitControls(this.camera, this.renderer.domElement);
+    this.aim = new Aim(this.camera, this.controls, container);
     this.controls.enableDamping = options.reducedMotion !== true;
     this.controls.addEventListener("change", () => this.draw());
     this.forces = new ForceDrag(
@@ -101,7 +102,7 @@ export class LabView {
   setDrawing(drawing: Drawing, steady = false): void {
     const same = bodyIds(drawing) === bodyIds(this.drawing);
     this.drawing = drawing;
-    if (!same && !steady) this.framed = null;
+    if (!same && !steady) this.aim.framed = null;
     this.rebuild();
     this.overlay.name(this.labels());
   }
@@ -110,7 +111,7 @@ export class LabView {
   show(poses: Poses): void {
     this.poses = poses;
     this.place();
-    if (!this.framed) this.frame([poses]);
+    if (!this.aim.framed) this.frame([poses]);
     this.draw();
   }
 
@@ -123,23 +124,14 @@ export class LabView {
 
   /** Place the camera so that the things are seen at all these moments, and these places [m]. */
   frame(moments: Poses[], marks: Triple[] = []): void {
-    this.moments = moments;
-    this.marks = marks;
-    const { clientWidth, clientHeight } = this.container;
-    const found = cameraFor(this.drawing, moments, (clientWidth || 4) / (clientHeight || 3), marks);
-    this.framed = found;
-    const centre = new Vector3(...found.centre);
-    this.controls.target.copy(centre);
-    this.camera.position.copy(centre).addScaledVector(new Vector3(...FORWARD), -found.distance);
-    this.camera.near = found.distance / 200;
-    this.camera.far = found.distance + found.extent * ENDLESS * 2;
-    this.camera.updateProjectionMatrix();
-    this.controls.minDistance = found.distance / 20;
-    this.controls.maxDistance = found.distance * 8;
-    this.stage.fit(this.drawing, found, this.dark);
-    this.rebuild();
-    this.controls.update();
-    this.draw();
+    this.aim.frame({ drawing: this.drawing, moments, marks });
+    this.surround();
+  }
+
+  /** The same, but the camera moves only if one of these would leave the picture, and then keeps its scale if it can. */
+  follow(moments: Poses[], marks: Triple[] = []): void {
+    this.aim.follow({ drawing: this.drawing, moments, marks });
+    this.surround();
   }
 
   /** Fit the picture to the container; also called when the container changes its size. */
@@ -156,8 +148,7 @@ export class LabView {
   /** Choose colours for a dark or a light surrounding. */
   setDark(dark: boolean): void {
     this.dark = dark;
-    if (this.framed) this.stage.fit(this.drawing, this.framed, dark);
-    this.draw();
+    this.surround();
   }
 
   /** Tell what the pointer is over. */
@@ -187,6 +178,14 @@ export class LabView {
     this.container.classList.remove("lab-view");
   }
 
+  /** Light, grid and endless planes for where the camera is put. */
+  private surround(): void {
+    if (this.aim.framed) this.stage.fit(this.drawing, this.aim.framed, this.dark);
+    this.overlay.grid.textContent = `grid ${metres(this.stage.step)}`;
+    this.rebuild();
+    this.draw();
+  }
+
   private objects(): string[] {
     return this.drawing.bodies.filter((body) => body.object).map((body) => body.id);
   }
@@ -207,7 +206,7 @@ export class LabView {
       this.world.remove(group);
       dispose(group as Group);
     }
-    const reach = (this.framed?.extent ?? 1) * ENDLESS;
+    const reach = (this.aim.framed?.extent ?? 1) * ENDLESS;
     for (const body of this.drawing.bodies) this.world.add(bodyGroup(body, reach));
     this.place();
   }
@@ -292,7 +291,7 @@ export class LabView {
   private press(event: KeyboardEvent): void {
     if (event.target !== this.container || event.ctrlKey || event.altKey || event.metaKey) return;
     if (orbitBy(event.key, this.camera, this.controls)) this.draw();
-    else if (event.key === "0" && this.moments.length > 0) this.frame(this.moments, this.marks);
+    else if (event.key === "0" && this.aim.subject) this.frame(this.aim.subject.moments, this.aim.subject.marks);
     else return;
     event.preventDefault();
   }

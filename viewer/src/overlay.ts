@@ -29,6 +29,8 @@ export class Overlay {
   readonly forces = document.createElementNS(SVG, "svg");
   private readonly axes = document.createElementNS(SVG, "svg");
   private readonly bar = document.createElement("div");
+  /** Tells the distance of the lines of the grid. */
+  readonly grid = document.createElement("div");
   /** Lines and rings, in pixels. */
   readonly sketch = new Sketch();
   private readonly tags = new Map<string, HTMLElement>();
@@ -40,10 +42,11 @@ export class Overlay {
     this.axes.setAttribute("class", "lab-axes");
     this.axes.setAttribute("viewBox", "-40 -40 80 80");
     this.bar.className = "lab-scale";
+    this.grid.className = "lab-grid";
     this.lines.setAttribute("class", "lab-sketch");
     this.lines.append(this.sketch.element);
     this.forces.setAttribute("class", "lab-sketch lab-forces");
-    this.element.append(this.lines, this.forces, this.axes, this.bar);
+    this.element.append(this.lines, this.forces, this.axes, this.bar, this.grid);
   }
 
   /** Set which objects have labels, and what they say. */

@@ -86,7 +86,7 @@ export class LabPanel {
     this.playback = motion && moved ? new Playback(motion, view.poses, (poses) => this.place(poses)) : null;
     this.picture.setDrawing(view.drawing);
     this.setRead(view.read ?? {});
-    this.picture.frame(this.moments(view), this.places);
+    this.picture.follow(this.moments(view), this.places);
     this.say(this.noted(view, moved));
     this.listObjects(view);
     this.setControls();
@@ -103,7 +103,7 @@ export class LabPanel {
     const news = read && this.view && this.setRead(read);
     if (news) {
       this.view = { ...this.view!, read: this.read };
-      this.picture.frame(this.moments(this.view), this.places);
+      this.picture.follow(this.moments(this.view), this.places);
       this.say(this.noted(this.view, true));
       this.listObjects(this.view);
     }

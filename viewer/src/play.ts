@@ -144,8 +144,9 @@ function show(next: State): void {
 function showEnd(next: State): void {
   by("end").replaceChildren(...endCard(next, (sentence) => by("end").append(element("p", { role: "alert" }, sentence))));
   by("end").hidden = false;
-  by("end").focus();
-  by("end").scrollIntoView({ block: "nearest" });
+  by("end").focus({ preventScroll: true });
+  // After the layout of all that changed with the end; at once, which is no motion.
+  requestAnimationFrame(() => by("end").scrollIntoView({ block: "start", behavior: "instant" }));
 }
 
 function shut(): void {

@@ -1,7 +1,7 @@
 /** A drawing as outlines in SVG, from the same camera: for browsers that cannot draw in three dimensions. */
 
-import { type Body, type Drawing, type Part, type Pose, type Poses, type Readings, titleOf, type Triple } from "./drawing.js";
-import { type Camera, cameraFor, outlineOf, seenFrom } from "./framing.js";
+import { type Body, bodyIds, type Drawing, type Part, type Pose, type Poses, type Readings, titleOf, type Triple } from "./drawing.js";
+import { type Camera, cameraFor, outlineOf, seenFrom, thingsOf } from "./framing.js";
 import type { LabViewOptions, OnHover } from "./lab_view.js";
 import { Sketch, unseenOf } from "./sketch.js";
 import { readingInWords } from "./words.js";
@@ -34,8 +34,9 @@ export class Schematic {
   }
 
   setDrawing(drawing: Drawing, steady = false): void {
+    const same = bodyIds(drawing) === bodyIds(this.drawing);
     this.drawing = drawing;
-    if (!steady) this.camera = null;
+    if (!same && !steady) this.camera = null;
   }
 
   show(poses: Poses): void {
@@ -52,6 +53,16 @@ export class Schematic {
   frame(moments: Poses[], marks: Triple[] = []): void {
     this.camera = cameraFor(this.drawing, moments, WIDTH / HEIGHT, marks);
     this.draw(this.camera);
+  }
+
+  follow(moments: Poses[], marks: Triple[] = []): void {
+    const { camera } = this;
+    const isInside = (point: Triple) => {
+      const [x, y, depth] = seenFrom(camera!, point);
+      return Math.abs(x) * HEIGHT < WIDTH / 2 && Math.abs(y) < 0.5 && depth > 0;
+    };
+    if (!camera || !thingsOf(this.drawing, moments, marks).every(isInside)) this.frame(moments, marks);
+    else this.draw(camera);
   }
 
   resize(): void {

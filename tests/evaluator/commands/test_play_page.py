@@ -269,10 +269,18 @@ def answer_with(page: Page) -> None:
     assert "two ways" in page.run("document.querySelector('#answer .play-said').textContent")
     page.run(f"({FILL})('answer', '7.848')")
     page.run("document.getElementById('give').click()")
+    page.run("scrollTo(0, document.body.scrollHeight)")
     assert page.run("document.querySelector('dialog[open]').textContent").startswith("7.848 m/s")
     page.run("document.getElementById('confirm').click()")
     page.wait("document.getElementById('budget').textContent === 'Correct, in 3 of 20 iterations.'")
     assert "Key7.848 m/s" in page.run("document.getElementById('end').textContent")
+    # The verdict is in view and has the focus, wherever the person was on the page.
+    page.wait(
+        "(({ top, bottom }) => top >= 0 && bottom <= innerHeight)"
+        "(document.querySelector('#end h2').getBoundingClientRect())"
+    )
+    assert page.run("document.activeElement.id") == "end"
+    assert page.run("document.documentElement.scrollHeight > innerHeight"), "there was something to scroll"
     page.run("[...document.querySelectorAll('#end button')].at(-1).click()")
 
 
@@ -300,6 +308,10 @@ def test_a_person_fills_in_a_form_sees_what_came_back_and_answers(tmp_path: Path
         page.wait("!document.getElementById('run').disabled")
         # Whoever opens the page sees that there is a question to answer, without scrolling.
         assert page.run("document.getElementById('give').getBoundingClientRect().bottom < innerHeight")
+        assert "uses one iteration" in page.run("document.getElementById('iterations').innerText")
+        page.run("document.querySelector('#question summary').click()")
+        assert "you” in it means that agent" in page.run("document.querySelector('#question details').innerText")
+        page.run("document.querySelector('#question summary').click()")
         reached = reached_by_tab(page)
         assert {"duration", "read_of", "run", "add", "give", "leave", "group", "lab-box lab-view"} <= reached
         experiment_with(page)
@@ -324,7 +336,9 @@ def test_a_person_fills_in_a_form_sees_what_came_back_and_answers(tmp_path: Path
 
 
 @pytest.mark.skipif(PROGRAM is None, reason="Chromium is not installed")
-def test_the_ball_is_still_seen_when_the_camera_has_moved_far_back(tmp_path: Path, host_url: str) -> None:
+def test_the_scale_stays_while_the_ball_is_in_the_picture_and_a_fallen_ball_is_still_seen(
+    tmp_path: Path, host_url: str
+) -> None:
     assert PROGRAM
     strong = ("--seed", "5")  # the ball falls 6 m
     with (
@@ -335,10 +349,21 @@ def test_the_ball_is_still_seen_when_the_camera_has_moved_far_back(tmp_path: Pat
         page.send("Emulation.setEmulatedMedia", features=[{"name": "prefers-reduced-motion", "value": "reduce"}])
         page.visit(played.address)
         page.wait("!document.getElementById('run').disabled")
-        page.run(f"({FILL})('duration', '0.8')")
-        page.run("document.getElementById('run').click()")
-        page.wait("document.querySelector('.lab-clock').textContent === '0.800 s'")
-        page.run("new Promise((drawn) => requestAnimationFrame(() => requestAnimationFrame(() => drawn(true))))")
+        scales: list[tuple[str, str]] = []
+        for time, duration in (("0.010", "0.01"), ("0.020", "0.01"), ("0.820", "0.8"), ("0.830", "0.01")):
+            page.run(f"({FILL})('duration', '{duration}')")
+            page.run("document.getElementById('run').click()")
+            page.wait(f"document.querySelector('.lab-clock').textContent === '{time} s'")
+            page.run("new Promise((drawn) => requestAnimationFrame(() => requestAnimationFrame(() => drawn(true))))")
+            # The bar is as many pixels long as its length is on the screen.
+            bar = page.run(
+                "(({ textContent, style }) => `${textContent} is ${style.width}`)(document.querySelector('.lab-scale'))"
+            )
+            scales.append((bar, page.run("document.querySelector('.lab-grid').textContent")))
+        assert scales[0] == scales[1], "nothing left the picture"
+        assert scales[1] != scales[2], "the ball fell out of it"
+        assert scales[2][1] == "grid 1 m"
+        assert scales[2] == scales[3], "and the picture does not jump back"
         assert red_pixels(page, tmp_path / "fallen.png") > 20
 
 
