@@ -133,20 +133,32 @@ def installed() -> str | None:
 @contextmanager
 def chromium(program: str, profile: Path, *flags: str) -> Generator[Page]:
     """Start a browser and yield a tab; the browser ends with the block."""
+    with separate_tabs(program, profile, 1, *flags) as (page,):
+        yield page
+
+
+@contextmanager
+def separate_tabs(program: str, profile: Path, number: int, *flags: str) -> Generator[list[Page]]:
+    """Start a browser and yield tabs that share no storage, as if each had a browser of its own."""
     command = [program, *FLAGS, *flags, f"--user-data-dir={profile}", "about:blank"]
     with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True) as process:
         try:
             assert process.stderr is not None
             told = next(line for line in process.stderr if line.startswith("DevTools listening on "))
-            with connect(told.split()[-1], max_size=None, proxy=None) as browser:
-                tab = Page(browser).send("Target.createTarget", url="about:blank")["targetId"]
-                address = f"{told.split()[-1].split('/devtools/')[0]}/devtools/page/{tab}"
-                with connect(address, max_size=None, proxy=None) as socket:
-                    page = Page(socket)
+            with connect(told.split()[-1], max_size=None, proxy=None) as socket, contextlib.ExitStack() as sockets:
+                browser = Page(socket)
+                root = told.split()[-1].split("/devtools/")[0]
+                pages: list[Page] = []
+                for _ in range(number):
+                    context = browser.send("Target.createBrowserContext")["browserContextId"]
+                    tab = browser.send("Target.createTarget", url="about:blank", browserContextId=context)["targetId"]
+                    address = f"{root}/devtools/page/{tab}"
+                    pages.append(Page(sockets.enter_context(connect(address, max_size=None, proxy=None))))
+                for page in pages:
                     for domain in ("Page", "Runtime", "Log"):
                         page.send(f"{domain}.enable")
-                    yield page
-                Page(browser).send("Browser.close")
+                yield pages
+                browser.send("Browser.close")
             process.wait(timeout=300)
         finally:
             process.kill()

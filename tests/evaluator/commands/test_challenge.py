@@ -21,7 +21,7 @@ import pytest
 from evaluator.commands.program import main
 from evaluator.records.episode import EpisodeKey, Outcome
 from evaluator.store.run_folder import RunFolder
-from tests.builders.chromium import SOFTWARE_WEBGL, chromium, installed
+from tests.builders.chromium import SOFTWARE_WEBGL, Page, chromium, installed, separate_tabs
 
 PROGRAM = installed()
 FALL = [
@@ -154,6 +154,54 @@ def test_twenty_people_play_at_once_and_the_run_is_an_ordinary_one(tmp_path: Pat
     assert main(["report", str(run.path)]) == 0
     assert main(["compare", str(run.path), str(run.path)]) == 0
     assert main(["calibrate", str(run.path), "--out", str(tmp_path / "calibration")]) in {0, 2}
+
+
+@pytest.mark.skipif(PROGRAM is None, reason="Chromium is not installed, so no page is opened")
+def test_twenty_people_play_at_once_in_browsers_and_report_and_compare_take_the_run(
+    tmp_path: Path, host_url: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Odd codes answer with what they read, even ones with half of it."""
+    assert PROGRAM
+    together = threading.Barrier(20)
+
+    def play(page: Page, code: str, link: str) -> str:
+        page.visit(link)
+        page.wait("!document.getElementById('consent').hidden")
+        assert f"under the code {code}, without my name" in page.run("document.getElementById('consent').innerText")
+        page.run("document.getElementById('agree').click()")
+        page.wait("!document.getElementById('run').disabled")
+        together.wait()  # now every participant has an open episode
+        page.run("document.querySelector('[name=duration]').value = '0.8', document.getElementById('run').click()")
+        page.wait("document.getElementById('budget').textContent === '19 of 20 iterations left'")
+        read = page.run("/velocity \\[0, 0, -([\\d.]+)\\]/.exec(document.getElementById('last').innerText)[1]")
+        given = float(read) / (1 if int(code) % 2 else 2)
+        page.run(f"document.querySelector('[name=answer]').value = '{given}', document.getElementById('give').click()")
+        page.run("document.getElementById('confirm').click()")
+        page.wait("!document.getElementById('end').hidden")
+        assert page.complaints == []
+        return page.run("document.getElementById('end').innerText")
+
+    run = RunFolder(tmp_path / "run")
+    with (
+        running(tmp_path, host_url, "--people", "20", "--scenes", "7") as challenge,
+        # Outlines instead of WebGL, because twenty pictures are slow without a graphics card.
+        separate_tabs(PROGRAM, tmp_path / "profile", 20, "--disable-3d-apis") as pages,
+        ThreadPoolExecutor(20) as pool,
+    ):
+        ends = list(pool.map(play, pages, challenge.links, challenge.links.values()))
+        challenge.process.communicate(timeout=300)
+        assert challenge.process.returncode == 0
+    assert all(end.startswith("That was all. Thank you.") for end in ends)
+    episodes = run.episodes()
+    assert sorted((key.agent, key.epoch, key.scene) for key in episodes) == [("human", n, 7) for n in range(1, 21)]
+    assert {episode.outcome for episode in episodes.values()} == {Outcome.ANSWERED}
+    right = {key.epoch for key, grade in run.grades().items() if grade.grade.strict == "correct"}
+    assert right == set(range(1, 21, 2))
+    assert main(["report", str(run.path)]) == 0
+    assert "Speed of a dropped ball" in (run.path / "report.html").read_text("utf-8")
+    capsys.readouterr()
+    assert main(["compare", str(run.path), str(run.path)]) == 0
+    assert "cannot be told apart on 20 common episodes of 1 scene" in capsys.readouterr().out
 
 
 END: Any = {"correct": None, "key": None, "answer": None, "choices": {}, "report": False}
