@@ -173,7 +173,7 @@ def reward(scene: int, seed: int, answer: JsonValue, scenes_dir: Path | None = N
 
 
 def _checked_seed(seed: object) -> int:
-    """Return the seed as an int. Refuse other values, such as 1.5: they would draw a variant that no server opens."""
+    """Return the seed as an int. Refuse other values, such as 1.5: no server opens the variants of such seeds."""
     # Integers of numpy are no instances of int.
     if isinstance(seed, bool) or not isinstance(seed, SupportsIndex) or operator.index(seed) < 0:
         raise UsageError(f"the seed must be an integer from 0 on, not {seed!r}")

@@ -1,4 +1,4 @@
-"""A scene as the laboratory uses it: the public half of its pack, and the model with the drawn values.
+"""A scene as the laboratory uses it: the public half of its pack, and the model with the hidden values of a seed.
 
 `scenes.public` copies the public fields one by one, so a private field that is added to packs later stays private.
 """
@@ -22,7 +22,7 @@ _KEPT = 256
 
 @dataclass(frozen=True, slots=True, weakref_slot=True)
 class Scene:
-    """A scene at one seed: the public half of its pack, and its model with the drawn values.
+    """A scene at one seed: the public half of its pack, and its model with the hidden values.
 
     Episodes share the object, so it must not be modified.
     """
@@ -81,7 +81,7 @@ _SCENES = _KeptScenes(_KEPT)
 
 
 def load_scene(scene_id: int, seed: int = 0, folder: Path | None = None, timestep: float | None = None) -> Scene:
-    """Read the public half of a scene and draw its hidden values. Loaded scenes are cached.
+    """Read the public half of a scene and sample its hidden values. Loaded scenes are cached.
 
     Args:
         scene_id: Id of the scene, 7 to 111 in the suite.

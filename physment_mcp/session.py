@@ -247,7 +247,7 @@ class Session:
     def answer(
         self, answer: object, steps: Mapping[str, object] | None = None, law: Mapping[str, object] | None = None
     ) -> None:
-        """Record the answer, and the quantities and the law stated with it; this ends the episode."""
+        """Record the answer, with the quantities and the law that the agent added to it; this ends the episode."""
         self.state = replace(self.state, answer=answer, steps=steps, law=law, answered=True)
 
     def add(self, object_id: str, body: str) -> None:

@@ -1,4 +1,4 @@
-"""Scene packs: their format, their folders, and how hidden values are drawn from a seed.
+"""Scene packs: their format, their folders, and how hidden values are sampled from a seed.
 
 Handles JSON, XML text and random numbers. Depends on neither MCP nor MuJoCo, and has no code for agents or verdicts.
 """

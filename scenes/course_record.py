@@ -1,6 +1,6 @@
-"""The record of a course: a sequence of constant pushes with readings after each. For reference protocols.
+"""Time series of pushes and readings, extracted from the calls of an episode. Used by reference protocols.
 
-A `Channel` selects a number in a call or its result, and `recorded` makes a `Course` of the exchanges of an episode.
+A `Channel` selects a number in a call or its result, and `recorded` makes a `Course` from the calls of an episode.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -33,7 +33,7 @@ class Channel:
 
 @dataclass(frozen=True, slots=True)
 class Course:
-    """A record of n legs: the constant controls of each leg, and the readings at its end."""
+    """A time series of n legs: intervals with constant forces and torques, and readings at the end of each."""
 
     durations: Array
     """Simulated time of each leg [s]; shape (n,)."""
@@ -77,7 +77,7 @@ def accepted(exchanges: Exchanges) -> Iterator[tuple[Call, Reading]]:
 
 
 def recorded(exchanges: Exchanges, controls: Sequence[Channel], readings: Sequence[Channel]) -> Course:
-    """Return the course of an episode's calls and readings, without the readings before the first step."""
+    """Extract the pushes and readings from an episode's calls as a `Course`, without readings before the first step."""
     held, durations, forces, values = [0.0] * len(controls), list[float](), list[list[float]](), list[list[float]]()
     for request, result in accepted(exchanges):
         if request.tool == "step":

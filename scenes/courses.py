@@ -1,8 +1,9 @@
-"""Fits laws of motion to a course: a sequence of constant pushes with readings after each. Used by reference protocols.
+"""Fits laws of motion to time series of pushes and readings. Used by reference protocols.
 
-A solution defines the time derivative of the state for each candidate structure, and ranges for the constants.
-`Laws.fitted` finds the constants of a structure, and `Laws.best` the structure with the best fit. All functions are
-vectorised over trial constants, because a Python step takes as long for one trial as for hundreds.
+A `Course` is a time series of legs: intervals with constant pushes, and readings at the end of each. A solution defines
+the time derivative of the state for each candidate structure, and ranges for the constants. `Laws.fitted` finds the
+constants of a structure, and `Laws.best` the structure with the best fit. All functions are vectorised over trial
+constants, because a Python step takes as long for one trial as for hundreds.
 
 A `Predictor` computes the answer from the readings. The names of `scenes.course_record` are also exported from here,
 because packs import them from here.
@@ -89,10 +90,10 @@ class Laws:
     """Constants of `PLAIN`, the simplified law for planning, unless a structure has this name."""
 
     def fitted(self, course: Course, structure: str, search: int = 0) -> tuple[float, dict[str, float]]:
-        """Return chi-square and constants of the best fit of a structure: first leg by leg, then of the whole course.
+        """Fit a structure leg by leg, then to all legs in sequence; returns chi-square and constants of the best fit.
 
         `search` is the number of the random search. Later searches use other and more starting points, and fit growing
-        parts of the course, because the fit of a long course has many local minima.
+        parts of the time series, because the fit of a long one has many local minima.
         """
         return self._by_course(course, structure, self._by_legs(course, structure, search), search)
 
@@ -134,7 +135,7 @@ class Laws:
         return cost, {name: float(value) for name, value in self.constants(structure, unit).items()}
 
     def _followed(self, course: Course, structure: str, unit: Array, parts: Sequence[float]) -> Array:
-        """Fit growing parts of the course, given as fractions of its legs, each from the result of the previous one."""
+        """Fit growing parts of the time series (fractions of its legs), each from the result of the previous fit."""
         for share in parts:
             part = course.first(max(1, round(share * len(course.durations))))
 
@@ -151,7 +152,7 @@ class Laws:
     def fits(self, course: Course) -> dict[str, tuple[float, dict[str, float]]]:
         """Return chi-square and constants of the best fit of every structure.
 
-        The search is repeated from other starting points while no structure explains the course and the fit improves.
+        The search is repeated from other starting points while no structure explains the readings and the fit improves.
         """
         fits = self._searched(course, 0)
         for search in range(1, _SEARCHES):
@@ -182,7 +183,7 @@ class Laws:
 
     @staticmethod
     def explained(course: Course) -> float:
-        """Return the largest chi-square for which a fit explains a course."""
+        """Return the largest chi-square at which a fit counts as an explanation of the readings."""
         return course.count + _DEVIATIONS * float(np.sqrt(2 * course.count))
 
     def cheapest(self, fits: Mapping[str, tuple[float, dict[str, float]]]) -> tuple[str, dict[str, float]]:
@@ -263,7 +264,7 @@ class Laws:
 
 
 class Fitter(Protocol):
-    """Protocol of classes that fit structures to a course, such as `Laws`."""
+    """Protocol of classes that fit structures to a `Course`, such as `Laws`."""
 
     def fitted(self, course: Course, structure: str) -> tuple[float, dict[str, float]]:
         """Return chi-square and constants of the best fit of a structure."""

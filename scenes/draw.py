@@ -1,4 +1,4 @@
-"""Draws the values of the knobs for a seed.
+"""Samples the values of the knobs, the hidden values of a scene, for a seed.
 
 The same seed gives the same values on every machine. Each knob has its own random stream, a Mersenne Twister seeded
 with scene, seed and knob name as text (`random.Random` hashes text seeds with SHA-512). Values are rounded to six
@@ -38,7 +38,7 @@ def draw_knobs(
         reseed: Seeds of single knobs that replace `seed`, to get two variants that differ only in these knobs.
 
     Raises:
-        PackError: An expression is invalid, or no draw satisfies `accept_draw`.
+        PackError: An expression is invalid, or no sampled values satisfy `accept_draw`.
     """
     seeds = {name: (reseed or {}).get(name, seed) for name in pack.knobs}
     for attempt in range(_ATTEMPTS):

@@ -64,12 +64,12 @@ def plausible_constants(
     number: int,
     trials: int = _TRIALS,
 ) -> tuple[list[Array], Array]:
-    """Draw constants that are compatible with the readings.
+    """Sample constants that are compatible with the readings.
 
-    They are drawn from a normal distribution around the best ones. Its covariance is that of linear least squares,
-    (JᵀJ)⁻¹ with the Jacobian J of the misfits, scaled up if the misfits exceed their stated standard deviations. Draws
-    outside the ranges are rejected. Where misfits are not linear in the constants, a draw is rejected with the
-    probability by which the readings make it less likely than the normal distribution does.
+    They are sampled from a normal distribution around the best-fit ones. Its covariance is that of linear least
+    squares, (JᵀJ)⁻¹ with the Jacobian J of the misfits, scaled up if the misfits exceed the standard deviations of the
+    instruments. Samples outside the ranges are rejected. Where misfits are not linear in the constants, a sample is
+    rejected with the probability by which the readings make it less likely than the normal distribution does.
 
     Args:
         misfits: Constants → misfit of every reading, in standard deviations.
@@ -77,11 +77,11 @@ def plausible_constants(
         ranges: Smallest and largest value of each constant.
         sizes: Standard deviation of each constant if no reading depends on it.
         number: Number of plausible constants.
-        trials: Number of draws for each of them.
+        trials: Number of samples to try for each of them.
 
     Returns:
-        Shape (number, constants). If fewer draws are accepted, the likeliest of the others are added, where those
-        outside the ranges are moved to their edges.
+        Shape (number, constants). If fewer samples are accepted, the likeliest rejected ones are added; those outside
+        the ranges are moved to their edges.
     """
     low, high = ranges
     found, steps = misfits(best), _STEP * sizes
@@ -102,12 +102,12 @@ def plausible_constants(
 
 
 def _likely(units: Array, excess: Callable[[Array], float], number: int) -> list[Array]:
-    """Accept each draw with probability exp(-excess / 2). If too few are accepted, add the likeliest others.
+    """Accept each sample with probability exp(-excess / 2). If too few are accepted, add the likeliest rejected ones.
 
     Args:
-        units: Draws; shape (draws, constants).
-        excess: A draw → its chi-square minus that of the normal approximation.
-        number: Number of draws to return.
+        units: Samples; shape (samples, constants).
+        excess: A sample → its chi-square minus that of the normal approximation.
+        number: Number of samples to return.
     """
     chances = np.random.default_rng(1).random(len(units))
     kept, others = list[Array](), list[tuple[float, int]]()
@@ -123,11 +123,11 @@ def _likely(units: Array, excess: Callable[[Array], float], number: int) -> list
 
 
 def scattered(slopes: Array, number: int) -> Array:
-    """Draw deviations from the best-fit constants with the covariance of least squares; shape (number, constants).
+    """Sample deviations from the best-fit constants with the covariance of least squares; shape (number, constants).
 
     Args:
         slopes: Derivatives of the misfits by the constants, each in units of its usual size.
-        number: Number of draws.
+        number: Number of samples.
     """
     size = slopes.shape[1]
     # The unit matrix is a standard deviation of a usual size, for constants on which no reading depends.
@@ -140,11 +140,11 @@ def scattered(slopes: Array, number: int) -> Array:
 def members(
     laws: Laws, course: Course, predict: Callable[[str, Mapping[str, float]], AnswerValue]
 ) -> dict[str, Member]:
-    """Fit every structure of laws of motion to a course.
+    """Fit every structure of laws of motion to a time series of pushes and readings.
 
     Args:
         laws: The family.
-        course: Controls and readings.
+        course: Pushes and readings.
         predict: The answer from a structure and its constants.
     """
     fits = laws.fits(course)

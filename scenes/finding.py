@@ -48,7 +48,7 @@ def is_in_split(scene_id: int, split: Split, folder: Path | None = None) -> bool
 
 
 def model_without_walls(scene_id: int, seed: int, folder: Path | None = None) -> str:
-    """Return the model of a scene with its drawn laws, without the wall if the scene is a world.
+    """Return the model of a scene with its laws at a seed, without the wall if the scene is a world.
 
     Raises:
         PackError: There is no such pack, or it is malformed.

@@ -1,6 +1,6 @@
-"""States the laws of a model in the language in which agents state them (`physment_mcp.contract.stated_laws`).
+"""Writes the laws of a model in the language in which agents write laws (`physment_mcp.contract.stated_laws`).
 
-A model contains its laws as text, with the drawn constants (`scenes.model`). The statement gives the acceleration of
+A model contains its laws as text, with the sampled constants (`scenes.model`). The statement gives the acceleration of
 each object; coordinates and velocities of hidden bodies become states. Constants are inserted and folded, and parts
 without effect are left out.
 """
@@ -25,7 +25,7 @@ _ATOM = 9
 
 
 class UnstatableLawError(ValueError):
-    """The motion of a model does not follow from its laws alone, so it cannot be stated; the message says why."""
+    """The motion of a model does not follow from its laws alone, so these have no statement; the message says why."""
 
 
 class _Body(NamedTuple):
@@ -142,7 +142,7 @@ def statement_of(mjcf: str) -> dict[str, Any]:
     """Return the law of a model as an agent would state it, without the laws that catch objects at a rim.
 
     Args:
-        mjcf: The model's XML text, with drawn values and laws.
+        mjcf: The model's XML text, with sampled values and laws.
 
     Raises:
         UnstatableLawError: Something besides the laws acts on the bodies, or the laws use quantities that a statement

@@ -1,4 +1,4 @@
-"""Builds the model of a scene: inserts drawn values and laws into its XML, and removes absent elements.
+"""Builds the model of a scene: inserts sampled values and laws into its XML, and removes absent elements.
 
 Works on XML text; only MuJoCo interprets the elements.
 """
@@ -33,7 +33,7 @@ class _TargetError(ValueError):
 
 
 def drawn_mjcf(files: PackFiles, pack: Pack, values: Mapping[str, KnobValue], *, canonical: bool) -> str:
-    """Return the model's XML text for a draw.
+    """Return the model's XML text with the values of a seed.
 
     Args:
         files: The files of the pack.
@@ -131,7 +131,7 @@ def _leave_out_absent(files: PackFiles, values: Mapping[str, KnobValue], root: E
 
 
 def _add_laws(files: PackFiles, pack: Pack, values: Mapping[str, KnobValue], root: ET.Element) -> None:
-    """Write all laws into the model; those that the draw disables have the factor 0.
+    """Write all laws into the model; those that are disabled at the seed have the factor 0.
 
     Omitting them would shorten each step, and the duration of a step would reveal the number of laws.
     """

@@ -302,7 +302,7 @@ class Pack(_PackModel):
 
     @property
     def predicts(self) -> bool:
-        """Whether the pack asks for a prediction within stated limits, so that certificates 7 to 10 and 12 apply."""
+        """Whether the pack asks for a prediction and sets limits, so that certificates 7 to 10 and 12 apply."""
         return self.category is not None and self.category.infers and self.limits is not None
 
     @property

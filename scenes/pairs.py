@@ -78,7 +78,7 @@ class Pair:
         return Rig([force(body, 0) for body in BODIES[: self.pushed]], reads, significant=3)
 
     def laws(self, course: Course) -> Laws:
-        """Return every structure, such as `oil, linear`, with masses near a first estimate from the course.
+        """Return the laws of every structure, such as `oil, linear`, with masses near an estimate from the readings.
 
         If all forces are linear, motions and steady speeds do not determine r, n, c and p separately, so r is not
         fitted.
@@ -142,7 +142,7 @@ class Pair:
         return [other, float(m * (self._resisted(structure, knobs, self.held, speed) + back))]
 
     def course(self, exchanges: Exchanges) -> Course:
-        """Return the legs of the course before a net caught a body."""
+        """Extract pushes and readings from calls, up to the leg before a net caught a body."""
         course = self.rig.course(exchanges)
         caught = np.abs(course.readings[:, :2]) > self.net - 2 * self.sigma[0]
         return course.until(caught[:, 0] | caught[:, 1])
@@ -205,7 +205,7 @@ class Pair:
 
 
 def _response(course: Course, top: float) -> Array:
-    """Fit a linear model of the accelerations of both bodies: a column per push, in units of `top`, and per speed."""
+    """Fit a linear model of both accelerations to pushes, in units of `top`, and speeds; returns its coefficients."""
     states = np.vstack([np.zeros(4), np.nan_to_num(course.readings)])
     pushes = np.zeros((len(course.durations), 2))
     pushes[:, : course.controls.shape[1]] = course.controls / top
@@ -225,7 +225,7 @@ def kept_speed(engine: Any, held: int, speeds: Sequence[float], seconds: float) 
     Args:
         engine: The engine at the drawn values.
         held: Index of the body that is kept at its speed.
-        speeds: Initial speeds of both [m/s].
+        speeds: Initial speeds of both bodies [m/s].
         seconds: Time after which the force is computed from the loss of speed during one more second.
 
     Returns:
@@ -248,7 +248,7 @@ def left_over(engine: Any, held: int, speeds: Sequence[float], push: float, off:
     Args:
         engine: The engine at the drawn values.
         held: Index of the body that the question keeps at a speed.
-        speeds: Steady speeds of both [m/s].
+        speeds: Steady speeds of both bodies [m/s].
         push: Force that keeps the speed [N].
         off: Relative disturbance of the speeds.
         seconds: Time after the disturbance.

@@ -10,7 +10,7 @@ A `yield` returns a list with a dict for each call: the structured result, `{"er
 `{}` for a call that was not run.
 
 A pack that asks for a prediction may define `predict(structure, constants)`, the answer by the law of a structure,
-instead of `structure` and `theory`. `load_solution` derives these two from the drawn values.
+instead of `structure` and `theory`. `load_solution` derives these two from the sampled values.
 """
 
 import re
@@ -110,7 +110,7 @@ def with_law(asked: Call, law: Mapping[str, Any] | None) -> Call:
 
 
 def drawn_kind(knobs: Mapping[str, KnobValue]) -> str:
-    """Return the structure of a pack that defines none: the drawn value `kind`."""
+    """Return the value of the knob `kind`: the structure of a pack whose solution does not define `structure`."""
     return str(knobs[KIND])
 
 
@@ -118,7 +118,7 @@ def load_solution(files: PackFiles) -> Solution:
     """Import a pack's `solution.py`. This runs its code, so use it only for packs that the user named.
 
     If the file defines `predict` or `fit`, the default of `structure` is `drawn_kind`. If it defines `predict` and no
-    `theory`, the default of `theory` is `predict` of the drawn structure and values.
+    `theory`, the default of `theory` is `predict` of the structure and the values at the seed.
 
     Raises:
         PackError: The pack has none, or it cannot be imported.

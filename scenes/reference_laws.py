@@ -1,9 +1,9 @@
-"""Wraps the reference protocols of open worlds, so that they state a law with the answer.
+"""Wraps the reference protocols of open worlds, so that they submit a law with the answer.
 
 A pack's `laws` are the possible laws, as expressions of its knobs. The reference protocol infers a structure and
-constants from its readings. With these in place of the knobs, the expressions are the law that is stated. The inference
-is done by `FLOOR` of `solution.py`, or by the function `inferred` of a file `law.py` beside it. This file is not part
-of the pack's content hash, because neither a key nor a certificate depends on it.
+constants from its readings. With these in place of the knobs, the expressions are the law that the protocol submits.
+The inference is done by `FLOOR` of `solution.py`, or by the function `inferred` of a file `law.py` beside it. This file
+is not part of the pack's content hash, because neither a key nor a certificate depends on it.
 """
 
 import re
@@ -25,7 +25,7 @@ _SIGNED = re.compile(r"(\w+)\*(\w+)")
 
 
 def stating(files: PackFiles, solve: Callable[[str], Protocol]) -> Callable[[str], Protocol]:
-    """Wrap a reference protocol, so that it states its law with the answer.
+    """Wrap a reference protocol, so that it submits its law with the answer.
 
     The wrapped protocol answers without a law if none can be inferred, for example because a handicap withheld too many
     readings.
@@ -75,7 +75,7 @@ def inferred_law(files: PackFiles, seen: Exchanges) -> dict[str, Any] | None:
 
 
 def law_with(files: PackFiles, pack: Pack, structure: str, constants: Mapping[str, float]) -> dict[str, Any]:
-    """State the law of a pack with a structure and constants in place of the drawn values.
+    """Write the law of a pack with a structure and constants in place of the sampled values.
 
     Constants that the structure does not name keep their values at seed 0, which have no effect on its law.
 

@@ -1,6 +1,6 @@
-"""Converts between controls and calls: builds the calls of a leg, and extracts a course from calls and readings.
+"""Converts between controls and calls: builds the calls of a leg, and extracts time series from calls and readings.
 
-Used by reference protocols. A leg is an interval of constant controls; a course is a sequence of legs.
+Used by reference protocols. A leg is an interval of constant controls; a `Course` is a sequence of legs.
 """
 
 from collections.abc import Callable, Generator, Iterable, Sequence
@@ -30,7 +30,7 @@ def lasting(calls: Sequence[Call]) -> float:
 
 @dataclass(frozen=True, slots=True)
 class Rig:
-    """The controls and readings in each leg of a course."""
+    """The controls that each leg sets, and the quantities that it reads."""
 
     controls: Sequence[Channel]
     """Components of forces and torques; each is set at the start of a leg."""
@@ -92,5 +92,5 @@ class Rig:
         return round(push, self.decimals) if self.significant is None else float(f"{push:.{self.significant}g}")
 
     def course(self, exchanges: Exchanges) -> Course:
-        """Return the course of these calls and readings."""
+        """Extract the time series of controls and readings from calls and their results."""
         return recorded(exchanges, self.controls, self.readings)

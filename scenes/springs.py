@@ -55,7 +55,7 @@ def drawn_kinds(knobs: Mapping[str, Any]) -> str:
 
 
 def drawn(knobs: Mapping[str, Any], number: int) -> tuple[float, ...]:
-    """Return the law of spring 1 or 2 from the drawn values `kinds`, k, w, q and s."""
+    """Return the law of spring 1 or 2 from the hidden values `kinds`, k, w, q and s."""
     kind, k = knobs["kinds"].split(", ")[number - 1], knobs[f"k{number}"]
     if kind == "cubic":
         return k, k / knobs[f"w{number}"] ** 2

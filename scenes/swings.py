@@ -1,7 +1,7 @@
 """Drives a body to increasing swings without reaching a catch, and fits its laws. Used by reference protocols.
 
 A solution defines its controls and readings (`Rig`), its laws, a simplified law for planning, and an objective for
-planned paths. `Swing` increases a push until the body moves. Then it repeats: fit the simplified law to the course so
+planned paths. `Swing` increases a push until the body moves. Then it repeats: fit the simplified law to all readings so
 far, simulate many sequences of pushes, and apply the first pushes of the best sequence (model predictive control).
 """
 
@@ -26,10 +26,10 @@ _LOST = 9.0
 
 @dataclass(frozen=True, slots=True)
 class LegFit:
-    """Fits each leg of a course from the readings before it.
+    """Fits each leg of a `Course` from the readings before it.
 
-    Such a fit is fast and independent of the start of the course, so it also works for bodies in unstable equilibrium.
-    A fit of the whole course is more precise.
+    Such a fit is fast and independent of the initial state, so it also works for bodies in unstable equilibrium. A fit
+    of all legs in sequence is more precise.
     """
 
     laws: Laws
@@ -47,7 +47,7 @@ class LegFit:
     """Largest number of iterations of the last refinement, from the best point or the known fit."""
 
     def unit(self, course: Course, structure: str, known: Array | None = None) -> Array:
-        """Return the fitted constants as a point of the unit cube; `known` is such a point from a shorter course."""
+        """Return the fitted constants as a point of the unit cube; `known` is such a point from a fit of fewer legs."""
 
         def misfits(units: Array) -> Array:
             return self.laws.misfits(course, structure, units, by_legs=True, spread=self.spread, pull=self.pull)

@@ -1,7 +1,8 @@
 """Fits the resistance of wheels that are driven or braked by loads on pans. Used by reference protocols.
 
-A pan carries one ball at a time. At each load the torques balance at a steady angular velocity. They are linear in the
-coefficients, except for the angular velocity at which a part of the resistance sets in (the edge).
+A pan carries one ball at a time, whose weight drives or brakes a wheel through the apparatus. With each ball, the wheel
+reaches a steady angular velocity, at which the torques balance. The torques are linear in the coefficients of the
+resistance, but not in the *edge*, the angular velocity at which a part of the resistance begins.
 """
 
 from collections.abc import Callable, Generator, Sequence
@@ -30,7 +31,7 @@ _ROOM = 3.0
 
 @dataclass(frozen=True, slots=True)
 class LoadedPan:
-    """A pan whose ball is replaced at each load."""
+    """A pan that carries one ball; each new ball replaces the previous one."""
 
     body: str
     x_m: float
@@ -59,17 +60,19 @@ class LoadedPan:
     def turned(
         self, number: int, kg: float, first: Sequence[Call], goals: Sequence[Sequence[float]], enough: float
     ) -> Generator[list[Call], list[Reading], tuple[list[tuple[Call, Reading]], list[tuple[float, float]]]]:
-        """Turn the wheel at increasing angular velocities; each load is computed from the previous ones.
+        """Turn the wheel at increasing angular velocities; each ball's mass is computed from the previous results.
 
         Args:
-        number: Number of the first ball.
-        kg: Mass of the first ball.
-        first: Calls before it.
-        goals: For each ball, candidate target angular velocities of the next one, ascending [rad/s].
-        enough: Angular velocity at which the loads end [rad/s].
+            number: Number of the first ball, which becomes part of its name.
+            kg: Mass of the first ball [kg].
+            first: Calls to make before the first ball is loaded.
+            goals: For each ball, candidate target angular velocities of the next ball, ascending [rad/s]; the lowest
+                one that the wheel has not reached is chosen.
+            enough: Angular velocity above which no further ball is loaded [rad/s].
 
         Returns:
-        The exchanges, and angular velocities and loads; the first row is at rest.
+            The calls with their readings; and for each ball the angular velocity [rad/s] and the mass [kg], after a
+            first pair (0, 0) for the wheel at rest.
         """
         seen, rows, calls = list[tuple[Call, Reading]](), [(0.0, 0.0)], list(first)
         for ahead in goals:
@@ -92,7 +95,7 @@ def resisted_member(
     predict: Callable[[Array, float], AnswerValue],
     edges: tuple[float, float],
 ) -> Member:
-    """Fit a law of resistance with nonnegative coefficients; returns it as a member of its family.
+    """Fit a law of resistance with nonnegative coefficients; returns it as a member of the family of possible laws.
 
     Args:
         columns: Basis functions of the torque, for an edge [rad/s].

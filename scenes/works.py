@@ -39,7 +39,7 @@ class Refit:
     """Upper bounds of the free constants; the lower ones are 0."""
 
     def plausible(self, number: int) -> Array:
-        """Return the best constants, then random ones that the points allow; shape (constants, at most 1 + number)."""
+        """Return the best-fit constants and random ones that fit the points; shape (constants, up to 1 + number)."""
         which, ranges = list(self.free), (np.zeros(len(self.free)), self.highest)
         best = self.constants[which]
         chosen, _ = plausible_constants(self.misfits, best, ranges, self.scale, number, _TRIALS)
@@ -123,8 +123,8 @@ def refitted(
         starts: Several initial values of all constants.
         free: Indices of the free ones.
         doubt: Variance of the work at each point.
-        alone: Independent variance of each point, from the constants.
-        misfits: From the constants, misfits of the points, and further misfits that are in standard deviations already.
+        alone: Function of the constants; returns the independent variance of each point.
+        misfits: Function of the constants; returns the misfits of the points, and other misfits in standard deviations.
         scale: Typical sizes of all constants.
         highest: Upper bounds of all constants; the lower ones are 0.
         margin: Distance of the fitted constants from their bounds, at least.
@@ -179,8 +179,8 @@ def weighed(
     Args:
         fits: The last fit of each structure, which is the initial value.
         white: Whitening matrix of the points.
-        misfits: Misfits of the points from all constants.
-        predict: The answer from all constants.
+        misfits: Function of all constants; returns the misfits of the points.
+        predict: Function of all constants; returns the answer.
         highest: Upper bounds of all constants; the lower ones are 0.
     """
 

@@ -15,7 +15,7 @@ from scenes.worlds.reference import SEARCH_SECONDS, blind_protocol
 
 @dataclass(frozen=True, slots=True)
 class GrammarAgent:
-    """Plays grammar worlds: applies forces, searches for the terms that explain the readings, and predicts."""
+    """Plays grammar worlds: applies forces, finds the terms that explain the readings, and predicts the answers."""
 
     seconds: float = SEARCH_SECONDS
     """Processor time of the search [s]."""
@@ -37,7 +37,7 @@ class _GrammarPlayer:
 
     def __post_init__(self) -> None:
         def solve(prompt: str) -> Protocol:
-            """Generate calls that push each movable body towards many places with pushes of many sizes, and read it."""
+            """Generate calls that push each movable body towards many positions with many forces, and read it."""
             return blind_protocol(prompt, self.seconds, self.predictions.append)
 
         self.player = ProtocolPlayer(solve, self.prompt)

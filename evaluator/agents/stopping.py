@@ -62,7 +62,7 @@ class BudgetAware:
 
 @dataclass(frozen=True, slots=True)
 class Confidence:
-    """Asks for a stated confidence in each reply, and for the answer once the confidence reaches the threshold."""
+    """Asks an agent for its confidence in each reply, and for the answer once the confidence reaches the threshold."""
 
     threshold: float = DEFAULT_THRESHOLD
 
@@ -72,7 +72,7 @@ class Confidence:
         return f"confidence:{self.threshold:g}"
 
     def advice(self, reply: Reply, feedback: Feedback) -> str:
-        """Ask for the answer if the stated confidence reaches the threshold, otherwise for a confidence."""
+        """Ask for the answer if the confidence in the last reply reaches the threshold, otherwise for a confidence."""
         del feedback
         stated = stated_confidence(reply.reasoning)
         if stated is not None and stated >= self.threshold:

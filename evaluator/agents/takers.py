@@ -1,9 +1,9 @@
 """Synthetic test takers: the reference agent with handicaps of known relative strength, to calibrate and test scenes.
 
 A taker modifies the calls and readings between a reference protocol and the laboratory: it omits calls, adds noise to
-readings, passes wrong arguments, or ignores some of the stated laws. The protocol itself is not changed. The random
-numbers of an episode depend only on its scene, seed and epoch, so a stronger handicap of the same kind includes the
-weaker one.
+readings, passes wrong arguments, or ignores some of the laws that the task lists. The protocol itself is not changed.
+The random numbers of an episode depend only on its scene, seed and epoch, so a stronger handicap of the same kind
+includes the weaker one.
 """
 
 import itertools

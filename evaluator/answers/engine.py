@@ -86,7 +86,7 @@ def prompt_of(
         mjcf: The MJCF model with the sampled values.
         prompting: Value of `run --prompting`.
         protocol: Value of `run --protocol`.
-        budget: Number of iterations stated in the prompt; None to state none.
+        budget: Number of iterations that the prompt mentions; None to mention none.
 
     Raises:
         UsageError: The server rejects the pack or the model.

@@ -45,7 +45,7 @@ def stated_steps(episode: Episode) -> Mapping[str, Any]:
 
 
 def grade_steps(episode: Episode, values: Mapping[str, float]) -> dict[str, bool] | None:
-    """Whether each intermediate quantity of the scene is stated and within 5 % of its value.
+    """Whether the answer contains each intermediate quantity of the scene, within 5 % of its value.
 
     Args:
         episode: The recorded episode.

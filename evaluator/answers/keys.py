@@ -32,7 +32,7 @@ from scenes.protocol import AnswerValue, load_solution
 
 @dataclass(frozen=True, slots=True)
 class SceneFacts:
-    """Facts about a scene that reports and scores need."""
+    """Properties of a scene that reports and scores need."""
 
     name: str
     task: str
@@ -120,9 +120,9 @@ class KeyRing:
             raise UsageError(f"{files.json}: no answer can be compared with its key at seed {seed}: {error}") from error
 
     def _law(self, scene: int, seed: int) -> TrueLaw | None:
-        """Return the law of a scene at a recorded seed; None if the scene asks for no law, or its law cannot be stated.
+        """Return a scene's law at a recorded seed; None if it asks for no law, or the law cannot be written as text.
 
-        A law cannot be stated if motion in the model does not follow from its laws alone. `lint` reports this.
+        A law cannot be written as text if motion in the model does not follow from its laws alone. `lint` reports this.
 
         Raises:
             UsageError: The pack is malformed.

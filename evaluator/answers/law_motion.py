@@ -1,6 +1,6 @@
-"""Integrates the motion of objects under a law that is written as text, in fixed time steps. `laws` grades the result.
+"""Integrates the motion of objects under a law that is given as text, in fixed time steps. `laws` grades such laws.
 
-A *course* is a simulated motion; it consists of legs, during which the loads are constant.
+A simulation consists of *legs*, during which the loads are constant.
 """
 
 import math
@@ -20,7 +20,7 @@ _HELD_STEP_S = 0.05
 
 
 class LoadPlan(NamedTuple):
-    """A course: the initial state and, for each leg, one load per coordinate."""
+    """Input of a simulation: the initial state and, for each leg, one load per coordinate."""
 
     held_s: float
     """Time for which the objects are held at the start [s]."""
@@ -85,7 +85,7 @@ class StatedMotion:
         return states
 
     def followed(self, course: LoadPlan) -> list[list[float]] | None:
-        """Integrate a course; return positions and velocities at each compared time, or None if they are not finite."""
+        """Simulate a plan; return positions and velocities at each compared time, or None if they are not finite."""
         time, looks, seen = course.held_s, list[list[float]](), [*course.places, *course.speeds]
         h = _LEG_S / LEG_STEPS
         try:

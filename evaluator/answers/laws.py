@@ -83,8 +83,8 @@ def stated_law(episode: Episode) -> Mapping[str, Any] | None:
 def grade_law(written: object, true: TrueLaw) -> LawGrade:
     """Grade a law. Never raises for any JSON value.
 
-    `MAX_LENGTH` of stated laws and `MAX_WORK` limit the duration to seconds. Both limits count operations, so a grade
-    does not depend on the speed of the machine.
+    `MAX_LENGTH`, the limit on the length of a law, and `MAX_WORK` limit the duration to seconds. Both limits count
+    operations, so a grade does not depend on the speed of the machine.
 
     Args:
         written: The law as the agent wrote it.
@@ -140,9 +140,9 @@ def hash_of(written: object) -> str:
 
 
 def courses_of(true: TrueLaw, *, far: bool) -> list[LoadPlan]:
-    """Return random courses that start in the region that the laboratory allows or, if `far`, outside it.
+    """Return random plans of simulations that start in the region that the laboratory allows or, if `far`, outside it.
 
-    The courses are the same for every stated law.
+    They are the same for every law that an agent writes.
     """
     coordinates, radius = true.model.coordinates, true.model.radius or _TURN
     low, high = (1.0, 1.5) if far else (0.0, 0.8)
@@ -170,7 +170,7 @@ def _vectors(source: random.Random, coordinates: Sequence[Coordinate], low: floa
 
 
 def _error(own: StatedMotion, other: StatedMotion, courses: Sequence[LoadPlan]) -> float:
-    """Return the median error of the predicted courses of a law, relative to the motion; infinite if none is finite."""
+    """Return the median error of a law's predicted motions, relative to their extent; infinite if none is finite."""
     true, stated = ([law.followed(course) for course in courses] for law in (own, other))
     pairs = [(a, b, course) for a, b, course in zip(true, stated, courses, strict=True) if a is not None]
     moved = [_spread(a, [[*course.places, *course.speeds]] * len(a)) for a, _, course in pairs]
@@ -186,7 +186,7 @@ def _error(own: StatedMotion, other: StatedMotion, courses: Sequence[LoadPlan]) 
 
 
 def _spread(first: Sequence[Sequence[float]], second: Sequence[Sequence[float]]) -> tuple[float, float]:
-    """Return the root mean square difference between the positions, and between the velocities, of two courses."""
+    """Return the root mean square difference of the positions, and that of the velocities, of two motions."""
     half = len(first[0]) // 2
 
     def distance(part: slice) -> float:

@@ -85,7 +85,7 @@ class Constants:
 
     @functools.cached_property
     def key(self) -> list[Scalar]:
-        """The parts of the answer at the drawn values."""
+        """The parts of the answer at the sampled values."""
         return self.answer()
 
     @functools.cached_property
@@ -166,7 +166,7 @@ def span(knob: Knob) -> tuple[float, float] | None:
 
 
 def unit(knob: Knob, value: float) -> float:
-    """Position of a value in its range, from 0 to 1; on a logarithmic scale if the knob is drawn on one."""
+    """Position of a value in its range, from 0 to 1; on a logarithmic scale if the constant is sampled on one."""
     low, high = cast("tuple[float, float]", span(knob))
     if knob.uniform is not None:
         return (value - low) / (high - low)

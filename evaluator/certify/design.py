@@ -1,6 +1,6 @@
 """Agents that measure how much the choice of experiments matters: `greedy-design` and `random-design`.
 
-They know the pack of a scene, with the ranges of its hidden constants, but not the drawn values. Both choose from the
+They know the pack of a scene, with the ranges of its hidden constants, but not the sampled values. Both choose from the
 same limited set of experiments: a load that acts for some time, then a reading of what the question names.
 `greedy-design` takes the experiment after which the Cramér-Rao bound of the answer at the present estimate is smallest,
 or which best separates the two most probable discrete values (local, sequential c-optimal design; Fedorov 1972).
@@ -96,7 +96,7 @@ class Design:
         return Constants(self.subject, knobs, names)
 
     def replay(self, mjcf: str) -> tuple[Replay, list[Read]]:
-        """Replay the calls so far in a model; returns the laboratory after them, and its readings."""
+        """Replay the calls of the episode so far in a model; returns the resulting laboratory and its readings."""
         lab = Replay(self.subject.files, mjcf)
         return lab, _read(lab, [one for one, reading in self.made if "error" not in reading], slopes=True)
 

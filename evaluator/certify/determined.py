@@ -1,4 +1,4 @@
-"""Certificate 12: readings and the stated family of laws determine the answer; a requested equilibrium is stable."""
+"""Certificate 12: readings and the task's family of laws determine the answer; a requested equilibrium is stable."""
 
 import re
 from collections.abc import Iterator, Sequence
@@ -42,7 +42,7 @@ class _Weighed:
 
 
 def check_determined(subject: Subject, episodes: Sequence[Episode]) -> Check:
-    """Check that every law of the stated family that fits the reference's readings gives the answer of the key.
+    """Check that every law of the family that fits the reference agent's readings gives the answer in the key.
 
     Args:
         subject: The scene.
@@ -98,7 +98,7 @@ def _weigh(subject: Subject, draw: Draw, episode: Episode) -> _Weighed:
 
 
 def _right_share(subject: Subject, draw: Draw, fit: Member) -> float:
-    """Return the share of answers that agree with the key, among constants drawn from the fit."""
+    """Return the share of answers that agree with the key, for constants sampled from the distribution of the fit."""
     answers = fit.plausible(_PLAUSIBLE)
     return sum(subject.agrees(value, subject.truth(draw)) for value in answers) / len(answers)
 

@@ -133,8 +133,8 @@ EASY_INTERVENTIONS, EASY_ITERATIONS, ITERATIONS = 3, 5, 20
 async def check_difficulty(subject: Subject, episodes: Sequence[Episode]) -> Check:
     """Check the length of the reference protocol and the number of concepts.
 
-    A Hard scene without stated limits must also require adaptive experiments (see `_wrong_by_rote`). For scenes with
-    limits, certificates 7 to 9 check this instead.
+    A Hard scene whose pack sets no limits must also require adaptive experiments (see `_wrong_by_rote`). For scenes
+    with limits, certificates 7 to 9 check this instead.
     """
     category = subject.pack.category
     assert category is not None

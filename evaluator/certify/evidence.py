@@ -1,7 +1,7 @@
 """Information in the readings of an episode about the answer, by the Cramér-Rao bound.
 
-The calls of the episode are replayed at the drawn values, and with each continuous hidden constant slightly larger and
-slightly smaller. With the derivatives J of all readings with respect to the constants, and the covariance Σ of the
+The calls of the episode are replayed at the sampled values, and with each continuous hidden constant slightly larger
+and slightly smaller. With the derivatives J of all readings with respect to the constants, and the covariance Σ of the
 readings, the Fisher information is F = Jᵀ Σ⁻¹ J + 12 I. Constants are in units of their ranges, and 12 is the inverse
 variance of a uniform distribution. No unbiased estimator of an answer with gradient g has a standard error below
 sqrt(gᵀ F⁻¹ g).
@@ -167,7 +167,7 @@ MOST = 24
 
 
 class Other(NamedTuple):
-    """Discrete values that differ from the drawn ones and give another answer."""
+    """Values of discrete constants that differ from the sampled ones and give another answer."""
 
     name: str
     apart: Array | None

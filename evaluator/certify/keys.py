@@ -1,4 +1,4 @@
-"""Certificates 1, 4 and 10: answer key, constant answers, stated instruments. Also checks a pack's answer form."""
+"""Certificates 1, 4 and 10: key, constant answers, instruments in the prompt. Also checks a pack's answer form."""
 
 import re
 from collections.abc import Iterable, Iterator, Sequence
@@ -110,7 +110,7 @@ _NEEDED_SHARE = 0.5
 
 
 def check_instrument(subject: Subject, episodes: Sequence[Episode]) -> Check:
-    """Check that limits and instruments are stated, and that the reference uses at least half of the limits.
+    """Check that the prompt names limits and instruments, and that the reference uses at least half of the limits.
 
     Args:
         subject: The scene.

@@ -1,4 +1,4 @@
-"""The loads of certificate 11: the largest that an agent may apply to a scene, in many combinations.
+"""The loads of certificate 11: the largest forces and torques that an agent may apply in a scene, in many combinations.
 
 The loads depend on what the pack permits and on how the bodies move. `holds` checks the catches.
 """
@@ -100,9 +100,9 @@ def largest(pack: Pack) -> dict[Kind, float]:
 
 
 def unbounded_tools(pack: Pack) -> list[str]:
-    """Return enabled tools that change a motion without limit, against which no catch can hold.
+    """Return the enabled tools that can change the motion of a body by any amount, so that no catch could stop it.
 
-    The elastic bounce of `detect_collision` is not among them, because it only exchanges momentum of touching bodies.
+    `detect_collision` is not one of these tools: its elastic bounce only exchanges momentum between touching bodies.
     """
     limits = pack.limits
     always = ("move_object", "change_position", "set_velocity")
@@ -117,7 +117,7 @@ def unbounded_tools(pack: Pack) -> list[str]:
 
 
 def push(engine: Engine, pushes: Pushes) -> None:
-    """Apply loads; loads that are not named stay unchanged."""
+    """Apply the given loads; loads on other handles stay unchanged."""
     for (body, kind), vector in pushes.items():
         if kind == "force":
             engine.push(body, force=vector)
@@ -190,7 +190,7 @@ def take_away(engine: Engine) -> None:
 
 @dataclass(frozen=True, slots=True)
 class Attack:
-    """A combination of loads on handles, or a ball. An attack first releases all earlier loads."""
+    """A combination of loads on handles, or a ball. Before an attack starts, all earlier loads are removed."""
 
     name: str
     parts: tuple[tuple[Handle, float], ...]

@@ -115,7 +115,7 @@ def at_start(files: PackFiles, seed: int = 0) -> tuple[Session, list[ShownBody],
     """Return a session of a scene, its initially visible bodies, and markers for its other objects.
 
     Raises:
-        SceneError: The pack cannot be read or drawn from, or its model does not compile.
+        SceneError: The pack cannot be read, its hidden values cannot be sampled, or its model does not compile.
     """
     folder = files.folder.parent
     session = Session(load_scene(files.scene_id, seed, folder))

@@ -55,7 +55,7 @@ def prove(files: PackFiles, seed: int) -> tuple[Check, ...]:
 
     Args:
         files: The pack.
-        seed: The seed from which the variant is drawn.
+        seed: The seed of the variant.
     """
     # Imported here, because it loads the engine and the server, which a run on certified seeds does not need.
     from evaluator.certify.keys import check_key  # noqa: PLC0415

@@ -1,4 +1,4 @@
-"""The pack that is being certified: its draws, its keys, and the test for agreement with a key."""
+"""The pack that is being certified: its variants, their answer keys, and the test for agreement with a key."""
 
 import functools
 from collections.abc import Mapping, Sequence
@@ -26,7 +26,7 @@ from scenes.protocol import AnswerValue, Solution, load_solution
 
 @dataclass(frozen=True, slots=True)
 class Draw:
-    """Hidden values drawn for one seed, and the model that contains them."""
+    """Hidden values of one seed, and the model that contains them."""
 
     knobs: Mapping[str, KnobValue]
     mjcf: str
@@ -34,7 +34,7 @@ class Draw:
 
 @dataclass(frozen=True)
 class Subject:
-    """A pack with its solution, draws and keys, as input of the certificates."""
+    """A pack with its solution, its variants and their answer keys, as input of the certificates."""
 
     files: PackFiles
     pack: Pack
@@ -73,7 +73,7 @@ class Subject:
         return self._draw(0, knob, seed)
 
     def _draw(self, seed: int, knob: str, reseed: int) -> Draw:
-        """Return the drawn values and the model of a seed. Cached, because several certificates need the same ones."""
+        """Return the hidden values and the model of a seed. Cached, because several certificates need the same ones."""
         wanted = (seed, knob, reseed)
         if wanted not in self._drawn:
             knobs = draw_knobs(self.files, self.pack, seed, reseed={knob: reseed} if knob else None)
@@ -81,15 +81,15 @@ class Subject:
         return self._drawn[wanted]
 
     def session(self, draw: Draw) -> Session:
-        """Open a new session with the model of a draw."""
+        """Open a new session with the model of a variant."""
         return session_of(self.files, draw.mjcf)
 
     def session_to_compare(self, draw: Draw) -> Session:
-        """Return a new session of a draw without a limit of calls, so that all its readings can be compared."""
+        """Return a new session of a variant without a limit of calls, so that all its readings can be compared."""
         return session_of(self.files, draw.mjcf, any_calls=True)
 
     def measured(self, draw: Draw, timestep: float | None = None) -> AnswerValue | None:
-        """Return the answer that the engine gives for a draw; None if the pack has no `measure`."""
+        """Return the answer that the engine gives for a variant; None if the pack has no `measure`."""
         if self.solution.measure is None:
             return None
         return self.solution.measure(Engine(draw.mjcf, timestep), draw.knobs)
@@ -99,7 +99,7 @@ class Subject:
         return {}
 
     def truth(self, draw: Draw) -> AnswerValue:
-        """Return the answer key of a draw: from `theory`, or from `measure` if there is no closed form.
+        """Return the answer key of a variant: from `theory`, or from `measure` if there is no closed form.
 
         Cached, because the certificates ask for it hundreds of times, and a `theory` may integrate a motion.
         """

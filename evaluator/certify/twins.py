@@ -44,7 +44,7 @@ async def check_twins(subject: Subject, episodes: Sequence[Episode]) -> Check:
 
 
 async def readings_at_start(subject: Subject, seed: int) -> list[tuple[str, Reading]]:
-    """All readings at the start of a seed, each with its call."""
+    """All readings in the initial state of a variant, each with its call."""
     return await all_readings(subject.session_to_compare(subject.draw(seed)))
 
 
@@ -94,7 +94,7 @@ async def check_modality(subject: Subject) -> Check:
 
 
 async def _sequences(subject: Subject, tool: str) -> list[list[Call]]:
-    """Return the reference's interventions without the tool, and random sequences."""
+    """Return sequences of calls: the reference's interventions without the category's tool, and random ones."""
     assert subject.solution.solve is not None
     reference = await drive(subject.session(subject.draw(0)), subject.solution.solve)
     own = [call for call in reference.calls if is_intervention(call.tool, call.arguments) and call.tool != tool]

@@ -43,7 +43,7 @@ _HELD = 1e12
 
 
 def engine_answers(record: WorldRecord, timestep: float | None = None) -> Array:
-    """Compute the answers with the engine, with the laws of the world and without a wall.
+    """Compute the answers with the engine, with the laws of the world but without the wall that bounds its laboratory.
 
     Args:
         record: The world.
@@ -53,7 +53,7 @@ def engine_answers(record: WorldRecord, timestep: float | None = None) -> Array:
 
 
 def course_gap(record: WorldRecord) -> float:
-    """Return the largest deviation of the engine from theory in the certificate's course, in standard deviations."""
+    """Return the largest difference of engine and theory under the certificate's pushes [standard deviations]."""
     structure = record.structure
     course = simulated(structure, record.constants, record.told, None, 0.01)
     engine, worst = Engine(mjcf_of(record)), 0.0
@@ -149,12 +149,12 @@ ENGINE_GAP = 0.05
 _BOUND_GAP = 0.01
 """Largest relative difference of the bounds between machines. It is not 0 because of cancellation."""
 COURSE_GAP = 0.5
-"""Largest distance of the engine from theory in the certificate's course [standard deviations of a reading]."""
+"""Largest difference of engine and theory under the certificate's pushes [standard deviations of a reading]."""
 
 
 @dataclass(frozen=True, slots=True)
 class Made:
-    """An accepted world, and the reasons why earlier draws were rejected."""
+    """An accepted world, and the reasons why earlier samples were rejected."""
 
     record: WorldRecord
     certificate: Certificate
@@ -163,7 +163,7 @@ class Made:
 
 @dataclass(frozen=True, slots=True)
 class Unmade:
-    """The index of a world for which no draw was accepted, and the reasons."""
+    """The index for which no sampled world was accepted, and the reasons."""
 
     index: int
     reason: str
@@ -172,8 +172,8 @@ class Unmade:
 def make_world(level: int, difficulty: Difficulty, secret: str, index: int) -> Made:
     """Make the world of a level and an index.
 
-    The draws are the same on every machine. Which draw is accepted may depend on rounding in numpy and LAPACK, so the
-    record contains the accepted one.
+    The sampled worlds are the same on every machine. Which one is accepted may depend on rounding in numpy and LAPACK,
+    so the record contains the accepted world.
 
     Args:
         level: Level of the world, for the record.
@@ -182,7 +182,7 @@ def make_world(level: int, difficulty: Difficulty, secret: str, index: int) -> M
         index: Number of the world, from 0.
 
     Raises:
-        WorldError: No draw is accepted.
+        WorldError: No sampled world is accepted.
     """
     stream = f"{GRAMMAR}:{secret}:{level}:{index}"
     order = WorldOrder(level, difficulty, secret)
@@ -211,8 +211,8 @@ def make_world(level: int, difficulty: Difficulty, secret: str, index: int) -> M
 def fault_of(record: WorldRecord, certificate: Certificate) -> str | None:
     """Verify a world; returns its fault, or None if it is sound.
 
-    The key (by theory, by the engine and at half the time step), the course and the bounds are computed again from the
-    record. The randomised tests that decided whether the draw was accepted are not repeated.
+    The key (by theory, by the engine and at half the time step), the motion under the certificate's pushes, and the
+    bounds are computed again from the record. The randomised tests by which the world was accepted are not repeated.
     """
     gaps = {"engine": _gaps(record, certificate.key, None), "half_step": _gaps(record, certificate.key, _HALF_STEP_S)}
     return _fault(record, certificate.model_copy(update=gaps))
@@ -263,7 +263,7 @@ async def make_worlds(
     """Make worlds in parallel processes; `on_made` is called with each world, or with each that cannot be made.
 
     Raises:
-        WorldError: No draw of the first world is accepted, so the others are unlikely to succeed.
+        WorldError: No sample for the first world is accepted, so the others are unlikely to succeed.
     """
     # Inherited by the processes. The matrices are small, so a second OpenBLAS thread would only busy-wait.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")

@@ -35,7 +35,7 @@ class Person(Record):
 
 
 class Challenge(Record):
-    """`challenge.json`: the facts about a challenge that are not in `run.json`."""
+    """`challenge.json`: the settings and participants of a challenge, which `run.json` does not contain."""
 
     format: Literal[1] = 1
     minutes: float | None = Field(default=None, gt=0)

@@ -119,7 +119,7 @@ def _measured(episode: Episode, seed: int, line_sha256: str, scenes_dir: Path | 
 
 
 def _without_names(found: EvidenceRecord) -> EvidenceRecord:
-    """Replace the names of rivals by numbers: a name would reveal a hidden value that a held-back seed did not draw."""
+    """Replace the names of rivals by numbers: a name would reveal a value that the held-back seed does not have."""
     unnamed = [rival.model_copy(update={"name": f"rival {n}"}) for n, rival in enumerate(found.rivals, start=1)]
     return found.model_copy(update={"rivals": tuple(unnamed)})
 

@@ -1,4 +1,4 @@
-"""`physment-eval worlds make|show|verify|publish`: generated laboratories, drawn from a grammar of laws."""
+"""`physment-eval worlds make|show|verify|publish`: laboratories generated from a grammar of laws."""
 
 import argparse
 import functools

@@ -133,7 +133,7 @@ async def opening_prompt(client: Client, key: EpisodeKey, budget: int | None) ->
     Args:
         client: A client connected to the episode.
         key: Key of the episode, with prompting and protocol.
-        budget: Number of iterations stated in the prompt; None to state none.
+        budget: Number of iterations that the prompt mentions; None to mention none.
 
     Raises:
         MCPError: The server refused the request.

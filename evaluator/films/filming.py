@@ -58,7 +58,7 @@ async def film_of(episode: Episode, opens: Opens, record_sha256: str, *, reveale
 
 
 def _changes(episode: Episode, drawings: Sequence[Mapping[str, Any]]) -> Iterator[tuple[int, Mapping[str, Reading]]]:
-    """Yield each call that changes the last position readings of undrawn objects: its number, and these readings."""
+    """Yield position readings of objects that are not always drawn, each set with the call that changed it."""
     always = set[str].intersection(*({body["id"] for body in drawing["bodies"]} for drawing in drawings))
     read: Mapping[str, Reading] = {}
     exchanges = (exchange for turn in episode.turns for exchange in turn.exchanges)

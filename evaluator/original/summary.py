@@ -95,7 +95,7 @@ class Row(Record):
 
 @dataclass(frozen=True, slots=True)
 class Compared:
-    """One played log with the comparison of its verdicts."""
+    """A replayed log, with its verdict compared with this project's verdict and with Eq. 1."""
 
     played: PlayedLog
     answer: JsonValue

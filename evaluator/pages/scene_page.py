@@ -1,4 +1,4 @@
-"""Generates the documentation page of one scene: its task and public facts, its certificate, and how to play it.
+"""Generates the documentation page of one scene: task, public properties, certificate, and how to play it.
 
 Reads only the public half of a pack, and no files.
 """
@@ -38,7 +38,7 @@ def scene_page(
     """Generate the page of a scene.
 
     Args:
-        listing: The public facts of the scene.
+        listing: The public properties of the scene.
         public: The public half of its pack.
         pictured: Whether there is a picture of it.
         certificate: Its certificate; None if the pack was changed since, or never certified.

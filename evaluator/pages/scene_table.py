@@ -1,4 +1,4 @@
-"""Generates `scenes.md`: the public facts of each scene by category, and the scenes similar to those of UTOPIA.
+"""Generates `scenes.md`: public properties of each scene by category, and the scenes similar to those of UTOPIA.
 
 Answers, knobs, ranges, reasoning and hidden objects are omitted. `Listing` names the public fields explicitly, so a
 private field added to packs later stays private.
@@ -27,7 +27,7 @@ class Steps:
 
 @dataclass(frozen=True, slots=True)
 class Listing:
-    """The public facts of a scene."""
+    """The public properties of a scene."""
 
     scene: int
     name: str
@@ -42,7 +42,7 @@ class Listing:
 
     @classmethod
     def of(cls, files: PackFiles, pack: Pack, steps: Steps | None) -> Self:
-        """Collect the public facts of a pack."""
+        """Collect the public properties of a pack."""
         return cls(
             scene=files.scene_id,
             name=pack.metadata.scene_name,

@@ -177,8 +177,8 @@ def write_pages(
         packs: The scenes.
         out: Folder of the documentation.
         difficulties: Scene → sentences about its calibrated difficulty, for scenes that have one.
-        pictures: Whether to draw pictures.
-        jobs: Number of processes that draw.
+        pictures: Whether to render pictures.
+        jobs: Number of processes that render pictures.
         on_done: Called with a short text when a part is ready.
 
     Raises:

@@ -1,4 +1,4 @@
-"""Finds formulas in prose: coefficients of symbols, and results that follow from stated arithmetic.
+"""Finds formulas in prose: coefficients of symbols, and results with the arithmetic that precedes them.
 
 A formula is a run of numbers, units, symbols and operators without another word; `=` and `≈` divide it into sides. A
 side with a symbol is symbolic (`2 E / L`); a side of numbers alone is arithmetic (`2 · 0.88 / 0.084`).
@@ -87,7 +87,7 @@ _RESULT = {TokenKind.NUMBER, TokenKind.UNIT, TokenKind.MINUS, TokenKind.PLUS}
 
 
 class Statement(NamedTuple):
-    """A stated result and the arithmetic before it."""
+    """A result in the text, and the arithmetic that is written before it."""
 
     start: int
     """Position of the arithmetic."""
@@ -117,7 +117,7 @@ class Statement(NamedTuple):
 
 
 class StatedFormulas(NamedTuple):
-    """Coefficients and stated arithmetic in the formulas of a text."""
+    """Coefficients, and results with their arithmetic, in the formulas of a text."""
 
     coefficients: frozenset[int]
     """Positions of the first digits of numbers that belong to a formula and are not measurements."""
@@ -126,7 +126,7 @@ class StatedFormulas(NamedTuple):
 
 
 def formulas_in(text: str) -> StatedFormulas:
-    """Find the coefficients and the stated arithmetic of a text. Takes linear time."""
+    """Find the coefficients and the written arithmetic in a text. Takes linear time."""
     coefficients, statements = set[int](), list[Statement]()
     for run in _runs(text):
         sides = _sides(run)

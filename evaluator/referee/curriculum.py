@@ -98,7 +98,7 @@ class _Curriculum:
 class Curricula:
     """The curricula of all trainers, kept in memory until the process ends.
 
-    Draws run in worker threads and the other methods on the event loop, so each method holds the lock.
+    `draw` runs in worker threads and the other methods on the event loop, so each method acquires the lock.
     """
 
     _named: OrderedDict[str, _Curriculum] = field(default_factory=OrderedDict[str, _Curriculum])

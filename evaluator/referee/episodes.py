@@ -98,7 +98,7 @@ class Referee:
         self.variants = Variants(self.keys, self.record, self.difficulties)
 
     async def listed(self, wanted: WantedVariants) -> VariantPage:
-        """Return facts about the scenes of a split, or about its worlds.
+        """Return public properties of the scenes of a split, or of its worlds.
 
         Raises:
             RefusedRequest: There is no such split, or no such world.

@@ -157,7 +157,7 @@ class _Answers:
         return JSONResponse(found, status_code=201)
 
     async def variants(self, request: Request) -> Response:
-        """Return facts about the scenes of a split or about worlds."""
+        """Return public properties of the scenes of a split or of worlds."""
         self._check_token(request)
         wanted = _valid(WantedVariants, dict(request.query_params), "?split=train")
         return JSONResponse(asdict(await self._referee.listed(wanted)))

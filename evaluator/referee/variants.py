@@ -1,4 +1,4 @@
-"""The variants that a trainer may play: resolves requests to variants, and lists facts about scenes."""
+"""The variants that a trainer may play: resolves requests to variants, and lists properties of scenes."""
 
 import secrets
 from collections.abc import Mapping
@@ -21,7 +21,7 @@ from scenes import ErratumEffect, default_folder, find_pack, is_world, pack_hash
 
 @dataclass(frozen=True, slots=True)
 class PoolFacts:
-    """Public facts about a scene; none of them depends on an answer key."""
+    """Public properties of a scene; none of them depends on an answer key."""
 
     scene: int
     world: str | None
@@ -45,7 +45,7 @@ class PoolFacts:
 
 @dataclass(frozen=True, slots=True)
 class VariantPage:
-    """One page of facts about the scenes of a split."""
+    """One page of the list of a split's scenes, with their public properties."""
 
     split: str
     """Name and version of the split."""
@@ -110,7 +110,7 @@ class Variants:
             self.record.packs[str(scene)] = pack_hash(files)
 
     def listed(self, wanted: WantedVariants) -> VariantPage:
-        """Return the facts about a page of the scenes of a split, or of its worlds.
+        """Return one page of the list of a split's scenes or worlds, with their public properties.
 
         Raises:
             RefusedRequest: There is no such split, or no such world.
@@ -124,7 +124,7 @@ class Variants:
         return VariantPage(pool.label, len(pool.scenes) * len(pool.seeds), len(pool.scenes), found)
 
     def facts(self, scene: int) -> PoolFacts:
-        """Return the facts about a scene.
+        """Return the public properties of a scene.
 
         Raises:
             UsageError: There is no such scene.

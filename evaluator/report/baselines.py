@@ -75,10 +75,11 @@ def packed(content: bytes) -> bytes:
 
 
 def baseline_table(packs: Mapping[str, str], run: BaselineRun | None = None) -> Table | None:
-    """Table of the baselines on the scenes of a report; None if the baseline run used other packs for all of them.
+    """Return the table of the baseline agents' results in the scenes of a report; None if there are no results.
 
     Args:
-        packs: Scene → hash of the content of the pack that the report's runs played.
+        packs: Scene → hash of the pack that the report's runs played. Results on another version of a pack are left
+            out.
         run: The baseline run; by default the one that ships with the package.
     """
     run = run or baseline_run()

@@ -15,7 +15,7 @@ from evaluator.scores.metrics import GroupSummary, RunSummary
 
 
 class BoardEntry(NamedTuple):
-    """The facts about a submission that the page shows."""
+    """The data of a submission that the page shows."""
 
     file: str
     """Name of its file."""

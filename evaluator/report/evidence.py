@@ -51,7 +51,7 @@ _Task = tuple[str | None, int, int]
 
 
 def _task(result: AgentResults, row: ScoredEpisode) -> _Task:
-    """Return seed commitment, scene and seed of an episode. Episodes with equal values had the same drawn variant."""
+    """Return seed commitment, scene and seed of an episode. Equal values mean the same variant."""
     return result.run.record.plan.held_back, row.key.scene, row.key.seed
 
 

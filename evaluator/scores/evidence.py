@@ -1,4 +1,4 @@
-"""Sources of the numbers in a text: values that calls returned, numbers in plans, and stated arithmetic."""
+"""Sources of the numbers in a text: values that calls returned, plans, and arithmetic that the text contains."""
 
 import math
 import re
@@ -127,7 +127,7 @@ _REMEMBERED = 100
 
 
 class Derivation(Record):
-    """Arithmetic in the reasoning whose result is a number that the reasoning states."""
+    """Arithmetic in the reasoning, with a number of the reasoning as its result."""
 
     turn: int
     """Index of the turn that states it, from 0."""

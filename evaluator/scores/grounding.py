@@ -178,7 +178,7 @@ class _PromptNumbers(NamedTuple):
 
 
 def _scales(unit: Unit | None) -> tuple[Fraction, ...]:
-    """Return the factors by which a stated number may be multiplied: 1, and the factor from its unit to coherent SI."""
+    """Return the factors by which a number in the text may be multiplied: 1, and that from its unit to coherent SI."""
     return (Fraction(1),) if unit is None else (Fraction(1), unit.scale * unit.angle_scale)
 
 

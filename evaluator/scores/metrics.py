@@ -226,7 +226,10 @@ def _table(rows: Sequence[ScoredEpisode]) -> list[_Row]:
 
 
 def _budget_curves(rows: Iterable[ScoredEpisode]) -> Iterator[ConditionCurve]:
-    """Yield the curve of each agent, prompting and protocol, on the episodes that were scored at all its budgets."""
+    """Yield accuracy against budget for each agent, prompting and protocol.
+
+    A curve contains only the variants that were scored at every budget of the agent.
+    """
     found: defaultdict[tuple[str, str, str], defaultdict[tuple[int, int, int], dict[int, bool]]]
     found = defaultdict(lambda: defaultdict(dict))
     for row in rows:

@@ -89,7 +89,7 @@ class ScoredEpisode:
 
     @property
     def stated(self) -> StatedEpisode | None:
-        """Grade of the stated law, and verdict on the answer; None if the scene asks for no law."""
+        """Grade of the law that the agent wrote, and verdict on its answer; None if the scene asks for no law."""
         return StatedEpisode(self.record.law, self.grade.strict) if self.asks_for_law else None
 
     @property

@@ -167,7 +167,7 @@ def _stored(episode: Episode, stored: Mapping[EpisodeKey, GradeRecord]) -> Grade
 
 
 def grade_record(episode: Episode, keys: KeyRing) -> GradeRecord:
-    """Return the grade record of one episode, with its key; without verdict and key if its pack is withdrawn."""
+    """Return the grade record of one episode, with the answer key; without verdict and key if its pack is withdrawn."""
     grade, key = _graded(episode, keys)
     return GradeRecord(
         key=episode.key,
@@ -179,7 +179,7 @@ def grade_record(episode: Episode, keys: KeyRing) -> GradeRecord:
 
 
 def law_grade(episode: Episode, keys: KeyRing, stored: GradeRecord | None = None) -> LawGrade | None:
-    """Grade the law of an episode; None if the agent stated no law, or if the law of the scene cannot be stated.
+    """Grade the law of an episode; None if the agent wrote no law, or the law of the scene cannot be written as text.
 
     Args:
         episode: The recorded episode.
@@ -207,7 +207,7 @@ def strict_verdict(episode: Episode, keys: KeyRing) -> Verdict:
 
 
 def _graded(episode: Episode, keys: KeyRing) -> tuple[Grade, JsonValue]:
-    """Return the grade of an episode and the key that decided it; no key if the pack is withdrawn."""
+    """Return the grade of an episode and the answer key that it was compared with; no key if the pack is withdrawn."""
     erratum = keys.erratum(episode.versions.pack)
     if erratum is not None and is_withdrawn(episode, erratum):
         return withdrawn_grade(erratum), None

@@ -89,7 +89,7 @@ class LawSummary(Record):
 
 
 def law_summary(episodes: Iterable[StatedEpisode]) -> LawSummary | None:
-    """Summarise the laws stated in some episodes; None without episodes."""
+    """Summarise the laws that agents wrote in some episodes; None without episodes."""
     found = list(episodes)
     if not found:
         return None

@@ -37,7 +37,7 @@ class Seal(Record):
         return self.model_copy(update={"lines": self.lines + 1, "head": head})
 
     def problem(self, lines: Iterable[bytes]) -> str:
-        """Return, as a clause, why lines do not match the seal; empty if they do. Further lines may follow them."""
+        """Return, as a clause, why lines do not match the seal; empty if they do. Later lines are ignored."""
         found = Seal()
         for line in lines:
             if found.lines == self.lines:

@@ -86,7 +86,7 @@ def _refuse_other_returns(stored: Episode, turn: int, returned: Sequence[Exchang
 
 
 def account(stored: Episode, turn: int) -> str:
-    """Return a text with the replayed turns for the continuing agent. It follows the opening prompt."""
+    """Return a text with the replayed turns, which the next agent gets after the opening prompt."""
     budget = stored.key.budget
     turns = [
         f"## Iteration {number}\n\n"
@@ -116,11 +116,11 @@ class ForkParticipant:
         return self.inner.name
 
     def facts(self) -> Mapping[str, JsonValue]:
-        """The facts of the continuing agent, as recorded in `run.json`."""
+        """The settings of the agent that continues the episode, as recorded in `run.json`."""
         return self.inner.facts()
 
     def running(self) -> AbstractAsyncContextManager[object]:
-        """The context manager that holds the continuing agent's resources open."""
+        """The context in which the agent that continues the episode can play, for example with open connections."""
         return self.inner.running()
 
     async def play(

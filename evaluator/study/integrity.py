@@ -120,7 +120,7 @@ def seeds_of(folder: RunFolder, key_file: Path | None) -> SeedOf:
 
     Args:
         folder: The run. Without `run.json`, its recorded seeds are the real ones.
-        key_file: The key of a held-back run; None to use the one that the folder discloses.
+        key_file: File with the key of the run's held-back seeds; None to use the key that the folder discloses.
 
     Raises:
         UsageError: The run needs a key and there is none, or the key is that of another run.
@@ -164,10 +164,10 @@ def read_revealed(folder: RunFolder) -> SeedKey | None:
 
 
 def reveal(folder: RunFolder, key_file: Path) -> None:
-    """Write the key into the run folder, so that everybody can grade and replay the run.
+    """Write the key of the held-back seeds into the run folder, so that everybody can grade and replay the run.
 
     Raises:
-        UsageError: The run is not held back, or was played with another key.
+        UsageError: The seeds of the run are not held back, or were drawn with another key.
         StoreError: The file cannot be written.
     """
     seeds_of(folder, key_file)

@@ -212,8 +212,8 @@ async def process_workers(
 
     Args:
         config: The configuration of the run.
-        participants: The participants of `config`. Their facts hold the concurrency limits of the providers, which are
-            divided among the workers.
+        participants: The participants of `config`. Their settings contain the concurrency limits of the providers,
+            which are divided among the workers.
         record: The record of the run.
         count: Number of workers. Fewer are started if fewer episodes are played at a time, or if a provider allows
             fewer concurrent requests.

@@ -92,8 +92,8 @@ async def ray_workers(
 
     Args:
         config: The configuration of the run; every node must be able to build its agents.
-        participants: The participants of `config`. Their facts hold the concurrency limits of the providers, which are
-            divided among the workers.
+        participants: The participants of `config`. Their settings contain the concurrency limits of the providers,
+            which are divided among the workers.
         record: The record of the run.
         patience_s: Longest time for a lost worker to restart [s].
 

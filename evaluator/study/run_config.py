@@ -101,7 +101,7 @@ class RunConfig:
 
     @property
     def seed_of(self) -> SeedOf:
-        """The function that maps the seed in an episode's key to the seed that its variant is drawn from."""
+        """The function that maps the seed in an episode's key to the seed from which its hidden values are sampled."""
         return seed_as_recorded if self.seed_key is None else self.seed_key.seed
 
     def plan(self, participants: Mapping[str, Participant]) -> Plan:

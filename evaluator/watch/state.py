@@ -146,7 +146,7 @@ def _running(run: FollowedRun, now: datetime) -> Iterator[dict[str, Any]]:
 
 
 def _course(episodes: Sequence[FollowedEpisode]) -> list[dict[str, Any]]:
-    """Return the accuracy so far of each agent after each of its episodes, against the time since the first end [s].
+    """Return each agent's accuracy after each of its episodes, against the time since the first episode ended [s].
 
     If there are more than `POINTS` episodes, evenly spaced ones and the last one are returned. Open worlds are omitted.
     """
@@ -200,7 +200,7 @@ def _named(key: EpisodeKey, run: FollowedRun) -> dict[str, Any]:
 
 
 def _overtaken(wanted: Sequence[EpisodeKey], run: FollowedRun, now: datetime) -> list[dict[str, Any]]:
-    """Return the missing episodes that later episodes of the same agent have overtaken, longest wait first.
+    """Return unrecorded episodes that precede recorded ones of their agent; those with the most recorded ones first.
 
     Such an episode is still running or waits for a retry; the run folder does not say which.
     """

@@ -158,7 +158,7 @@ class Referee:
         return tuple(OpenedEpisode(**shared | one) for one in shared.pop("episodes"))
 
     def variants(self, **query: Any) -> dict[str, Any]:
-        """Facts about the scenes of a split or about worlds: rung, chance, reference, difficulty.
+        """Properties of the scenes of a split or of worlds: rung, chance, reference, difficulty.
 
         Args:
             query: `split`, such as `train`; of worlds `level` and the other fields of `world`; `offset` and `limit`.
@@ -277,9 +277,9 @@ def read_variants(
         split: Name of a split; its variants are selected by `indices` or `random_seeds`, or by scenes and seeds.
         levels: Levels of generated worlds, such as `1-3`, instead of scenes; with a split, only its worlds.
         indices: Indices in the split or among the worlds of each level, such as `0-99`.
-        random_seeds: Each draws one such index; with `scenes`, one index for each scene.
-        curriculum: Name of a curriculum on the split or on the worlds of one level or of all (`levels` empty). It draws
-            a variant for each of the `random_seeds` from its present window.
+        random_seeds: Each selects one such index at random; with `scenes`, one index for each scene.
+        curriculum: Name of a curriculum on the split or on the worlds of one level or of all (`levels` empty). For each
+            of the `random_seeds`, the referee chooses a variant from the present window of the curriculum.
 
     Raises:
         ValueError: An argument or a line is malformed; the message is one sentence.

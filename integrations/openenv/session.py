@@ -72,22 +72,22 @@ class PhysmentSessionFactory(ResourceSessionFactory[PhysmentSession]):
     """Opens episodes at the referee that `PHYSMENT_REFEREE_URL` names."""
 
     def __init__(self, **wanted: Any) -> None:
-        """Open nothing yet.
+        """Store the defaults of the episodes; `create` opens them.
 
         Args:
-            wanted: Of each episode, as for `Referee.open`: a `split`, a `world` or a `curriculum` from which the seed
-                of a group draws its variant, and `budget` and `prompting`.
+            wanted: Arguments of `Referee.open` for each episode: a `split`, a `world` or a `curriculum`, from which the
+                seed of a group selects the variant, and `budget` and `prompting`.
         """
         self._wanted = wanted
 
     def create(self, task: Any, seed: int | None = None, episode_id: str | None = None) -> PhysmentSession:
-        """Open the variant of a task, or else the one that a seed draws; an equal seed draws an equal variant.
+        """Open the variant that a task names, or else the one that a seed selects; equal seeds select the same variant.
 
         Args:
             task: `{"scene": 7, "seed": 3}`, for example. Anything but a mapping names no variant, such as the prompt
                 of a row, which is not played.
-            seed: Of the draw; TRL gives the number of the group.
-            episode_id: Not used; the referee gives the id.
+            seed: Seed of the random selection; TRL passes the number of the group.
+            episode_id: Not used; the referee assigns the id.
 
         Raises:
             RefereeError: The referee refused, cannot be reached, or stayed at its limit for ten minutes.

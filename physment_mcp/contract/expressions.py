@@ -1,4 +1,4 @@
-"""Expressions: one grammar, one table of functions and one compiler for laws, draws and formulas of answers.
+"""Expressions: one grammar, one table of functions and one compiler for laws, knobs and answers that are formulas.
 
 A recursive-descent parser converts text to nodes, and nodes are compiled to a Python function through `ast`; the text
 itself is never passed to `compile` or `eval`. A `Language` limits the length of a text and its operators, functions and

@@ -100,7 +100,7 @@ def answer_block(form: AnswerForm | None, problem_type: str) -> str:
 
 
 def steps_block(steps: Sequence[PublicQuantity]) -> list[str]:
-    """Return the block on intermediate quantities that may be stated with the answer; none if there are none."""
+    """Return the block on intermediate quantities that an agent may add to its answer; none if there are none."""
     if not steps:
         return []
     lines = "\n".join(f"- `{step.name}`: {step.meaning} ({_unit(step.unit)})." for step in steps)

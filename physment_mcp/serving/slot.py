@@ -99,7 +99,7 @@ class CallLog:
 
     @property
     def full(self) -> bool:
-        """Whether the arguments have reached the limit, so that only the answer is accepted."""
+        """Whether the arguments in the log exceed its size limit, so that only the answer is accepted."""
         return self.size > MAX_EPISODE_BYTES
 
     def page_from(self, first: int) -> Sequence[LoggedCall]:

@@ -1,6 +1,7 @@
 """The format of laws in the model's XML: forces on bodies as expressions of time and of the motion of bodies.
 
-The element `<custom><text name="laws" data="..."/></custom>` holds a JSON list of laws, all constants drawn:
+The element `<custom><text name="laws" data="..."/></custom>` holds a JSON list of laws with the sampled values of their
+constants:
 
     {"on": "object_1", "with": {"other": "partner"}, "constants": {"k": 3.2},
      "let": {"r": "hypot(x - other_x, y - other_y)"},
@@ -9,7 +10,7 @@ The element `<custom><text name="laws" data="..."/></custom>` holds a JSON list 
 
 `force` [N] and `torque` [N·m], world axes, act at the centre of mass of the body `on`. `reaction` is the key in `with`
 of the body on whose centre of mass the opposite force acts; a torque has no reaction. `factor` multiplies force and
-torque; a draw that leaves a law out gives it the factor 0, and it is still evaluated. Names are `t` [s]; `x y z` [m]
+torque; a law that is disabled at a seed has the factor 0 and is still evaluated. Names are `t` [s]; `x y z` [m]
 and `vx vy vz` [m/s] of the centre of mass; `wx wy wz` [rad/s]; for a body with exactly one hinge `angle` [rad] and
 `spin` [rad/s]; `push_x push_y push_z` [N] and `turn_x turn_y turn_z` [N·m], the applied force and torque on the body;
 the same with `other_` before them; constants; what `let` defines.

@@ -136,7 +136,7 @@ def rivals(readings):
 
 
 def solve(task):
-    """Increase tiny torques until the driver is visibly ahead; then compute each torque from the last lag."""
+    """Multiply a tiny torque until the driver turns ahead of the wheel, then scale it to reach each target lag."""
     torque, calls, seen, lag = FIRST_NM, [call("find_objects"), *_turn(FIRST_NM)], [], 0.0
     while lag < SEEN_RAD:
         seen += zip(calls, (yield calls), strict=True)

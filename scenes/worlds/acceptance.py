@@ -1,8 +1,8 @@
-"""Draws worlds and accepts those that pass the certificates that need no engine.
+"""Samples worlds and accepts those that pass the certificates that need no engine.
 
-A drawn world is accepted if every part of its law affects an answer, a fit of its course can converge, the readings
-determine its answers, and no answer can be found without experiments. Constants of a part without effect are redrawn;
-if that does not help, the whole world is.
+A sampled world is accepted if every part of its law affects an answer, a fit to its readings can converge, the readings
+determine its answers, and no answer can be found without experiments. Constants of a part without effect are sampled
+again; if that does not help, the whole world is.
 """
 
 import random
@@ -69,12 +69,12 @@ class DrawnWorld:
 
 
 class Refused(Exception):
-    """A draw failed a certificate; the message names the certificate."""
+    """A sampled world failed a certificate; the message names the certificate."""
 
 
 @dataclass(slots=True)
 class Maker:
-    """Draws worlds of one difficulty from a random stream until one is accepted."""
+    """Samples worlds of one difficulty from a random stream until one is accepted."""
 
     difficulty: Difficulty
     rng: random.Random
@@ -84,10 +84,10 @@ class Maker:
     """Number of refused draws by reason."""
 
     def world(self, most: int = 400) -> DrawnWorld:
-        """Return the first accepted draw.
+        """Return the first sampled world that is accepted.
 
         Raises:
-            WorldError: No draw was accepted within the limit of attempts.
+            WorldError: No sampled world was accepted within the limit of attempts.
         """
         for _ in range(most):
             try:
@@ -136,7 +136,7 @@ class Maker:
     def _repaired(
         self, structure: Structure, constants: dict[str, float], asked: Sequence[Question]
     ) -> tuple[Flags, Array]:
-        """Redraw the constants of parts without effect; returns which questions each part affects."""
+        """Sample the constants of parts without effect again; returns which questions each part affects."""
         for _ in range(_REDRAWN):
             found = answers_without_parts(structure, constants, asked, _QUICK_S)
             key, matter = found[:, 0], _matters(found[:, 0], found[:, 1:])
@@ -179,7 +179,7 @@ def _matters(key: Array, without: Array) -> Flags:
 
 
 def _refuse_wild(structure: Structure, constants: Mapping[str, float], told: Situation) -> None:
-    """Refuse a course that leaves the floor or is sensitive to small errors, because its fit would not converge."""
+    """Refuse a world whose motion leaves the floor or is sensitive to small errors: a fit to it would not converge."""
     course = simulated(structure, constants, told, None)
     if not np.isfinite(course.readings).all():
         raise Refused("the object leaves the floor")
@@ -193,7 +193,7 @@ def _refuse_wild(structure: Structure, constants: Mapping[str, float], told: Sit
 
 
 class _Information:
-    """Computes smallest standard errors of the answers from the readings of a course. Source: Cramér-Rao bound."""
+    """Computes the smallest standard errors of answers that an experiment allows. Source: Cramér-Rao bound."""
 
     def __init__(
         self,

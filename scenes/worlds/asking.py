@@ -1,4 +1,4 @@
-"""Draws questions of the kinds that a difficulty names, and computes the answers of naive shortcuts."""
+"""Generates random questions of the kinds that a difficulty names, and computes the answers of naive shortcuts."""
 
 import random
 from collections.abc import Mapping, Sequence
@@ -37,7 +37,7 @@ def drawn(
     difficulty: Difficulty,
     rng: random.Random,
 ) -> list[Question]:
-    """Draw candidate questions of kinds that the difficulty allows and the apparatus supports.
+    """Generate random candidate questions of kinds that the difficulty allows and the apparatus supports.
 
     Args:
         structure: The terms of the law.
@@ -101,7 +101,7 @@ def _push(
     difficulty: Difficulty,
     rng: random.Random,
 ) -> Question:
-    """Draw a `push` question. Its answer is a force above the limit of the laboratory."""
+    """Generate a random `push` question. Its answer is a force above the limit of the laboratory."""
     situation = _question(structure, told, difficulty, "strong", rng)
     width = 2 if told.apparatus.flat else 1
     way = [0.0] * len(situation.push)

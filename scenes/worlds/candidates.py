@@ -271,7 +271,7 @@ def _limits(form: Form) -> tuple[float, float]:
 
 
 def _sampled(bounds: Range, count: int, rng: np.random.Generator) -> Array:
-    """Return points of the search box that cover the range from which the constant is drawn."""
+    """Return points of the search box that cover the range from which the constant is sampled."""
     share, sign = rng.random(count), np.where(rng.random(count) < 0.5, -1.0, 1.0)
     low, high = bounds.low, bounds.high
     match bounds.scale:

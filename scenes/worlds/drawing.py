@@ -1,4 +1,4 @@
-"""Draws structures and constants reproducibly from a random stream, and assigns structures to splits."""
+"""Samples structures and constants reproducibly from a random stream, and assigns structures to splits."""
 
 import functools
 import hashlib
@@ -106,7 +106,7 @@ def _agree(apparatus: Apparatus, forms: Sequence[Form], difficulty: Difficulty) 
 def _modulated(
     apparatus: Apparatus, forms: Sequence[Form], count: int, rng: random.Random
 ) -> list[tuple[str, ...]] | None:
-    """Draw the names of `count` modulations, distributed over the forms; None if the forms allow fewer."""
+    """Sample the names of `count` modulations, distributed over the forms; None if the forms allow fewer."""
     own: list[list[str]] = [[] for _ in forms]
     places = [
         (at, part.name)
@@ -146,7 +146,7 @@ def options_with(structure: Structure, form: str, count: int, rng: random.Random
 
 
 def draw_constants(structure: Structure, rng: random.Random, names: Sequence[str] | None = None) -> dict[str, float]:
-    """Draw values of the constants of a structure, or of some of them, rounded to six digits."""
+    """Sample values of the constants of a structure, or of some of them, rounded to six digits."""
     return {name: draw_constant(structure.ranges[name], rng) for name in names or structure.ranges}
 
 
@@ -169,7 +169,7 @@ def draw_constant(bounds: Range, rng: random.Random) -> float:
 
 
 def searched(bounds: Range) -> tuple[float, float]:
-    """Return the range of a constant in fits: wider than in draws, and logarithmic if both ends are positive."""
+    """Return the range of a constant in fits: wider than when sampled, and logarithmic if both ends are positive."""
     match bounds.scale:
         case "log":
             return 0.8 * bounds.low, 1.25 * bounds.high

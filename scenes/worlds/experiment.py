@@ -1,4 +1,4 @@
-"""Experiments in a world: the choice of pushes, the resulting course, and fits of a structure to it.
+"""Experiments in a world: the choice of pushes, the simulated readings, and fits of a structure to them.
 
 `Excitation` chooses pushes from readings only. The reference therefore makes the same pushes in the laboratory as the
 certificate makes in its simulation of the theory.
@@ -120,7 +120,7 @@ class Excitation:
 
 @dataclass(slots=True)
 class _Lead:
-    """The current target of a body and its push."""
+    """The random target towards which a body is pushed, and the gain of the push."""
 
     target: Array | None = None
     gain: float = 0.0
@@ -145,7 +145,7 @@ def simulated(
     noise_seed: int | None,
     longest_s: float = COURSE_S,
 ) -> Course:
-    """Simulate a course by theory.
+    """Simulate an experiment by theory; returns its pushes and readings.
 
     Args:
         structure: The terms of the law.
@@ -175,7 +175,7 @@ def simulated(
 def retraced(
     structure: Structure, constants: Mapping[str, float], told: Situation, course: Course, longest_s: float = SEARCH_S
 ) -> Array:
-    """Return the distance of theory from the readings of a course under the same pushes [standard deviations].
+    """Return the differences of readings and theory under the same pushes [standard deviations].
 
     Args:
         structure: The terms of the law.
@@ -198,7 +198,7 @@ def retraced(
 
 @functools.lru_cache(1024)
 def laws_of_fit(structure: Structure, told: Situation, longest_s: float = SEARCH_S) -> Laws:
-    """Return the `Laws` with which a structure is fitted to a course in a situation."""
+    """Return the `Laws` that fit a structure to pushes and readings of this apparatus."""
     rates = rates_of(structure, walled=True)
 
     def of_course(_structure: str, knobs: Mapping[str, Any], time: Any, state: Array, controls: Array) -> Array:

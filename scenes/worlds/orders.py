@@ -1,4 +1,4 @@
-"""Specifies which worlds to make: level, attributes, key and split. Draws no worlds."""
+"""Specifies which worlds to make: level, attributes, key and split. Makes no worlds."""
 
 import hashlib
 import itertools

@@ -1,6 +1,6 @@
-"""Predicts the answers to a world's questions from a course, with their uncertainty.
+"""Predicts the answers to a world's questions from pushes and readings, with their uncertainty.
 
-The search of `scenes.worlds.search` finds structures. The best ones are fitted to the whole course and weighted by
+The search of `scenes.worlds.search` finds structures. The best ones are fitted to all legs in sequence and weighted by
 their evidence, and each predicts with samples of the constants that the readings allow.
 """
 
@@ -120,7 +120,7 @@ def _quantile(found: Array, share: Array, level: float) -> float:
 
 
 def _likeliest(found: Array, share: Array, first: float) -> float:
-    """Return the prediction whose tolerance contains the most others; `first` unless another is clearly better."""
+    """Return the prediction within whose tolerance most others lie; `first` unless that one is clearly better."""
     values = np.where(np.isfinite(found), found, 1e9)
     near = np.abs(values[:, None] - values) <= tolerance(values)
     mass = near @ share
@@ -129,7 +129,7 @@ def _likeliest(found: Array, share: Array, first: float) -> float:
 
 
 def on_course(course: Course, told: Situation, fit: Fit, longest_s: float = COURSE_S) -> Fit:
-    """Return a fit to the whole course, integrated from its start."""
+    """Return a fit to all legs in sequence, integrated from the initial state."""
     structure = fit.structure
     box = {name: box_of(bounds) for name, bounds in structure.ranges.items()}
     laws = replace(laws_of_fit(structure, told, longest_s), box=box)
@@ -156,10 +156,10 @@ def plausible(fit: Fit, asked: Sequence[Question], count: int) -> Array:
 
 
 def searched_course(course: Course, told: Situation, seconds: float = 60.0) -> Search:
-    """Create the reference's search for the terms of a course.
+    """Create the reference agent's search for the terms that explain the readings.
 
     Args:
-        course: Controls and readings.
+        course: Pushes and readings.
         told: The apparatus and its instruments.
         seconds: Processor time after which the search stops [s].
     """

@@ -1,9 +1,9 @@
 """Records of accepted worlds: one line of JSON each, with answer keys and certificates in separate files.
 
 `level-5.jsonl` contains the data of the packs, `level-5.keys.jsonl` the answer key and the certificate of each line. A
-record names the version of the grammar and the settings of its draw. Its certificate contains the hash of the record.
-In a published set both files begin with a line that contains the canary of the suite, and certificates are in the
-folder `keys`, so that a laboratory can be installed without them.
+record names the version of the grammar and the settings with which the world was sampled. Its certificate contains the
+hash of the record. In a published set both files begin with a line that contains the canary of the suite, and
+certificates are in the folder `keys`, so that a laboratory can be installed without them.
 """
 
 import hashlib
@@ -90,7 +90,7 @@ class WorldRecord(_Line):
             index: Its number.
             split: The split of its structure.
             salt: Salt of the instrument noise.
-            **drawn: Settings of the draw: `settings` and `commitment`.
+            **drawn: How the world was sampled: `settings` and `commitment`.
         """
         terms = tuple((term.form, term.modulations) for term in world.structure.terms)
         told = asdict(world.told)

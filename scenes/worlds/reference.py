@@ -85,7 +85,7 @@ def _answered(prompt: str, found: Array, structure: Structure, constants: Mappin
 
 
 def _explored(told: Situation) -> Generator[list[Call], list[Reading], Course]:
-    """Apply pushes until the limits of the laboratory are reached; returns the course."""
+    """Apply pushes until the limits of the laboratory are reached; returns pushes and readings."""
     plan = Excitation(told, _SEED)
     bare = Structure(told.apparatus, (), told.radius)
     read, held, seen = np.array(bare.start)[: bare.read], list[Array](), list[Array]()

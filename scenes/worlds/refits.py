@@ -1,7 +1,7 @@
-"""Fits other structures to the readings of a drawn world, for its certificates.
+"""Fits other structures to the readings of a sampled world, for its certificates.
 
-The readings are fitted leg by leg around the path of the drawn law (`scenes.worlds.weak_form`): to first order this
-equals a fit of the whole course, in a fraction of its time.
+The readings are fitted leg by leg around the path of the true law (`scenes.worlds.weak_form`): to first order this
+equals a fit to all legs in sequence, in a fraction of its time.
 """
 
 from collections.abc import Mapping
@@ -23,11 +23,11 @@ _ROUNDS = 6
 
 
 class Refits:
-    """The readings of a drawn world, to which structures are fitted.
+    """The readings of a sampled world, to which structures are fitted.
 
     Attributes:
         course: Pushes and readings.
-        drawn: The fit of the drawn structure.
+        drawn: The fit of the true structure.
     """
 
     def __init__(self, structure: Structure, constants: Mapping[str, float], told: Situation, noise_seed: int) -> None:
@@ -44,7 +44,7 @@ class Refits:
         return self.search.fit(structure, units_of(structure, constants), _ROUNDS)
 
     def unexplained(self, structure: Structure, constants: Mapping[str, float]) -> bool:
-        """Return whether a structure with these constants does not explain the readings of the course."""
+        """Return whether a structure with these constants does not explain the readings."""
         return not float((retraced(structure, constants, self.told, self.course) ** 2).mean()) < WORSE
 
 

@@ -1,9 +1,10 @@
 """Certificates of worlds by fits of other structures: the answers are determined, and the options distinguishable.
 
 "Determined": every similar structure that explains the readings gives the same answers. Similar structures have one
-form or modulation more or less than the drawn one, or one term replaced. A structure explains the readings if the rule
-of `scenes.family` does not exclude it. An agent that infers such a structure has made no mistake, so its answers must
-be right too. "Distinguishable": no wrong option of a `which` question explains the readings in place of the true one.
+form or modulation more or less than the true one, or one term replaced. A structure explains the readings if the
+chi-square test of `scenes.family` does not exclude it. An agent that infers such a structure has made no mistake, so
+its answers must be right too. "Distinguishable": no wrong option of a `which` question explains the readings in place
+of the true one.
 """
 
 import itertools
@@ -32,10 +33,10 @@ _CHANCE = math.erfc(EXCLUDED_SIGMAS / math.sqrt(2))
 
 
 def rival_of(refits: Refits, asked: Sequence[Question], key: Array, before: Fit | None = None) -> Fit | None:
-    """Find a structure that explains a course as well as the true structure but gives other answers, if there is one.
+    """Find a structure that explains the readings as well as the true one but gives other answers, if there is one.
 
     Args:
-        refits: The readings of the drawn world.
+        refits: The readings of the sampled world.
         asked: The questions.
         key: Their answers.
         before: A rival that was found with other readings; it is tried first.
@@ -49,7 +50,7 @@ def rival_of(refits: Refits, asked: Sequence[Question], key: Array, before: Fit 
 
 
 def _as_good(rivals: Iterator[Fit], drawn: Fit) -> Iterator[Fit]:
-    """Return the fits that the rule of `scenes.family` does not exclude in comparison with the true law."""
+    """Yield the fits whose chi-square does not significantly exceed that of the true law, as in `scenes.family`."""
     for fit in rivals:
         spared = max(len(drawn.unit) - len(fit.unit), 1)
         if fit.chi_square - drawn.chi_square <= float(chdtri(float(spared), _CHANCE)):
@@ -68,13 +69,13 @@ _STARTS, _REFIT_ROUNDS = 2, 8
 
 
 def mistakable(refits: Refits, constants: Mapping[str, float], asked: Question, rng: random.Random) -> bool:
-    """Return whether a fit with a wrong option in place of the true one explains the readings of a course.
+    """Return whether a fit with a wrong option in place of the true one explains the readings.
 
     Args:
-        refits: The readings of the drawn world.
+        refits: The readings of the sampled world.
         constants: Its constants.
         asked: The question with the options.
-        rng: Draws the initial constants of the fits.
+        rng: Random stream for the initial constants of the fits.
     """
     structure = refits.drawn.structure
     at = next(at for at, term in enumerate(structure.terms) if term.form in asked.options)
@@ -92,7 +93,7 @@ def mistakable(refits: Refits, constants: Mapping[str, float], asked: Question, 
 
 
 def _of_course(refits: Refits, fit: Fit) -> Mapping[str, float]:
-    """Return the constants of a fit to the whole course, starting from a fit to its legs."""
+    """Return the constants of a fit to all legs in sequence, starting from a fit leg by leg."""
     laws, label = laws_of_fit(fit.structure, refits.told), fit.structure.label
 
     def misfits(units: Array) -> Array:
@@ -105,7 +106,7 @@ def _of_course(refits: Refits, fit: Fit) -> Mapping[str, float]:
 def _swapped(
     structure: Structure, constants: Mapping[str, float], at: int, name: str, rng: random.Random
 ) -> tuple[Structure, dict[str, float]]:
-    """Replace the form of a term in a structure. Constants of the new term are drawn, all others are unchanged."""
+    """Replace the form of a term in a structure. Constants of the new term are sampled, all others are unchanged."""
     kept = tuple(part for part in structure.terms[at].modulations if FORMS[name].group in MODULATIONS[part].fits)
     new = Term(name, kept)
     rest = [term for number, term in enumerate(structure.terms) if number != at]

@@ -1,4 +1,4 @@
-"""Finds the terms of a law from a course: a beam search over the structures of the grammar.
+"""Finds the terms of a law from pushes and readings, by a beam search over the structures of the grammar.
 
 A step of the search adds a part, removes a part, or replaces a term. The score test selects the changes that are worth
 a fit: it computes how much of the residuals a term explains beyond the constants of the law, for many values of its
@@ -43,10 +43,10 @@ _LEAST_DRIFT = 0.2
 
 @dataclass
 class Search:
-    """A search for the terms that explain a course.
+    """A search for the terms that explain readings.
 
     Attributes:
-        legs: The course.
+        legs: The pushes and readings, by legs.
         width: Beam width.
         seconds: Processor time after which the search stops [s].
         forms: Forms that may occur; None for all of the apparatus.

@@ -1,10 +1,10 @@
-"""Fits of a course by legs: all legs and all candidate constants are integrated at once.
+"""Fits of laws leg by leg: all legs and all candidate constants are integrated at once.
 
-The misfit of a course that is integrated from its start has many local minima, and each integration step costs a Python
-step. A leg is short, so its end depends smoothly on the constants, and all legs are integrated together. The errors of
-the readings are correlated between adjacent legs. `Legs` whitens them, which to first order gives the likelihood of the
-whole course. Repeated around the smoothed path, this is multiple shooting. Terms outside the current law enter as
-integrals of their force along the path (the weak form).
+If a law is integrated over all legs in sequence, its misfit has many local minima, and each integration step costs a
+Python step. A leg is short, so its end depends smoothly on the constants, and all legs are integrated together. The
+errors of the readings are correlated between adjacent legs. `Legs` whitens them, which to first order gives the
+likelihood of all readings. Repeated around the smoothed path, this is multiple shooting. Terms outside the
+current law enter as integrals of their force along the path (the weak form).
 
 Source: H. G. Bock, Recent advances in parameter identification techniques for O.D.E. (1983), for multiple shooting;
 D. A. Messenger and D. M. Bortz, Weak SINDy (2021), for the weak form.
@@ -71,10 +71,10 @@ def named(structure: Structure, units: Array) -> dict[str, Any]:
 
 @dataclass(frozen=True)
 class Legs:
-    """The legs between the readings of a course, linearised around a path.
+    """The legs between the readings of an experiment, linearised around a path.
 
     Attributes:
-        course: Controls and readings.
+        course: Pushes and readings.
         told: The apparatus and its instruments.
         path: Readable state at the start and at each reading, around which errors are linearised.
         drift: Model error per leg, in standard deviations of a reading.

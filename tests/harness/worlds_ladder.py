@@ -1,4 +1,4 @@
-"""Measures how hard the levels of worlds are: references with and without handicaps predict courses of stored worlds.
+"""Measures how hard the levels of worlds are: reference agents with and without handicaps answer stored worlds.
 
 Every prediction is written as a line of a file at once, and an interrupted run can continue:
 python -m tests.harness.worlds_ladder --worlds-dir DIR [--levels L ...] [--count N] [--references R ...] [--out FILE]
@@ -73,7 +73,7 @@ def linear(record: WorldRecord, seconds: float) -> Prediction:
 
 
 def informed(record: WorldRecord, seconds: float) -> Prediction:
-    """Fit the constants of the known structure, starting near the drawn constants."""
+    """Fit the constants of the known structure, starting near the true constants."""
     search = searched(record, seconds)
     rng = random.Random(record.index)
     unit = np.array([float(to_unit(b, record.constants[name])) for name, b in record.structure.ranges.items()])
@@ -82,7 +82,7 @@ def informed(record: WorldRecord, seconds: float) -> Prediction:
 
 
 def one_unknown(record: WorldRecord, seconds: float) -> Prediction:
-    """Fit the known structure with one unknown term, for which all terms are tried."""
+    """Fit the structure without one of its terms, and search for the missing term."""
     search = searched(record, seconds)
     structure = record.structure
     gone = record.index % len(structure.terms)

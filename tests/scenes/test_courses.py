@@ -1,4 +1,4 @@
-"""Tests of fitting laws of motion to synthetic courses (motions under pushes), which are known in closed form."""
+"""Tests of fitting laws of motion to synthetic readings, computed in closed form."""
 
 from dataclasses import replace
 
@@ -122,7 +122,7 @@ def _swinging(_: str, knobs: Knobs, __: object, state: Array, controls: Array) -
 
 
 def _swung(legs: int, longest_s: float, starts: int) -> tuple[Laws, Course]:
-    """Return the laws of a spring whose speed is not read, and a course x = cos(3 t) with a reading every 0.35 s."""
+    """Return the laws of a spring whose speed is not read, and readings of x = cos(3 t) every 0.35 s."""
     laws = Laws(
         rates=_swinging,
         structures={"spring": ("w",)},

@@ -151,7 +151,7 @@ def solution_of(scene: int) -> ModuleType:
 
 @pytest.mark.parametrize("scene", OPEN)
 def test_the_constants_of_a_structure_give_the_drawn_law(scene: int) -> None:
-    """Inserts the drawn structure and constants, without a fit; the result must be the law of the engine."""
+    """Inserts the true structure and constants, without a fit; the result must be the law of the engine."""
     files = find_pack(scene)
     pack, structures = read_pack(files), solution_of(scene).STRUCTURES
     for seed in range(1, 9):

@@ -1,4 +1,4 @@
-"""Tests of drawn models: targets by path, absent parts, laws with drawn constants, modified apparatus."""
+"""Tests of models at a seed: targets by path, absent parts, laws with sampled constants, modified apparatus."""
 
 import json
 import xml.etree.ElementTree as ET
@@ -101,7 +101,7 @@ def test_a_law_takes_the_drawn_values_that_it_names_into_the_model(packed: Any) 
 
 
 def test_a_law_whose_condition_is_false_stays_in_the_model_with_factor_0(packed: Any) -> None:
-    """Steps would take less time without the law, so their duration would reveal the drawn value."""
+    """Steps would take less time without the law, so their duration would reveal the hidden value."""
     law = {"on": "object_1", "let": {"r": "x * m"}, "force": ["r", "0", "0"], "present": "kind == 'cord'"}
     files = packed(laws=[law, {"on": "object_2", "force": ["-x", "0", "0"]}])
     written = {

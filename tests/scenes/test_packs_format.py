@@ -1,4 +1,4 @@
-"""Tests of the pack format: draws, expressions, errors of malformed packs; and every pack of the suite."""
+"""Tests of the pack format: sampled values, expressions, errors of malformed packs; and every pack of the suite."""
 
 import json
 import subprocess

@@ -1,4 +1,4 @@
-"""Tests of coupled bodies: steady states solve the equations of motion; a course ends when a net catches a body."""
+"""Tests of coupled bodies: steady states solve the equations of motion; readings after a catch are left out."""
 
 import numpy as np
 import pytest

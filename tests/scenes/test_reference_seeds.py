@@ -1,4 +1,4 @@
-"""The reference agent on seeds at which it once lost the apparatus."""
+"""Tests the reference agent at seeds at which an earlier version of it lost control of the apparatus."""
 
 import pytest
 

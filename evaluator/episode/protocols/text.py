@@ -231,7 +231,8 @@ def _arguments(value: JsonValue, whose: str) -> dict[str, JsonValue]:
 def _native(text: str, start: int) -> list[_Attempt]:
     """Parse calls in a model's native markup, which delimits the tool's name and its JSON arguments unambiguously.
 
-    Calls separated by anything but markup and white space belong to different sets.
+    Calls that are separated by other text than markup and white space do not form one list, so the reply is rejected as
+    several sets of calls.
     """
     matches = list(_NATIVE.finditer(text, start))
     # If any markup is left over, a part of it is damaged and a call may be missing.

@@ -101,7 +101,7 @@ def _uses_the_start(text: str, before: Sequence[Place], after: Sequence[Place]) 
 
 
 def too_little_time(episode: Episode) -> Failure | None:
-    """Detect an answer about motion before anything moved, or a stated period longer than the simulated time.
+    """Detect an answer about motion before anything moved, or a period in the reasoning longer than the simulated time.
 
     In the first case, less than `LEAST_TIME_S` was simulated in total, and either every reading of motion was 0, or
     something was pushed or given a velocity and no motion was read. In the second case, the reasoning of the answering

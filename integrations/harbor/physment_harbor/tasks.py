@@ -1,8 +1,8 @@
 """Writes a Harbor task (schema 1.4) for a variant, after the reference protocol has played it once.
 
 A task has three containers; an agent can access only the first. `main` is the agent's container, without any file of
-this project. `laboratory` has the drawn model of this variant and no answer. The verifier's container has the answer
-keys, and starts after the agent's container has stopped.
+this project. `laboratory` has the model of this variant, with its hidden values, but no answer. The verifier's
+container has the answer keys, and starts after the agent's container has stopped.
 """
 
 import json

@@ -51,7 +51,7 @@ class PhysmentEnvironment(Environment[PhysmentAction, PhysmentObservation, Physm
             prompting: `zero-shot`, `one-shot-cot` or `few-shot-cot`.
             split: Name of a split, such as `train`, from which the variant is taken.
             index: Index in the split.
-            random_seed: Draws an index in the split.
+            random_seed: Selects an index in the split at random.
             world: Selects generated worlds instead of a scene, such as `{"level": 5}`.
             curriculum: Name of a curriculum on the split or the worlds, which chooses the variant.
 

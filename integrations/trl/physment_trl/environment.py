@@ -1,4 +1,4 @@
-"""An episode of the laboratory as an environment of TRL: `reset` opens it, its tools are methods, it owns its reward.
+"""An episode as an environment of TRL: `reset` opens it, tools are methods, and a method returns the reward.
 
 Public methods of an environment are tools for TRL, so everything else has a leading underscore.
 """
@@ -92,7 +92,7 @@ class LaboratoryEnvironment:
             world: Selects worlds instead of a scene, such as `{"level": 5}`.
             split: Name of a split, such as `train`, from which the variant is taken.
             index: Index in the split.
-            random_seed: Draws an index in the split.
+            random_seed: Selects an index in the split at random.
             curriculum: Name of a curriculum on the split or the worlds, which chooses the variant.
             budget: Iterations that the prompt names; `max_tool_calling_iterations` of the trainer must be the same.
             max_calls: Tool calls after which the laboratory ends the episode.

@@ -155,7 +155,7 @@ class PhysmentConfig(vf.TasksetConfig):
 
 
 class PhysmentTaskset(vf.Taskset[PhysmentTask, PhysmentConfig]):
-    """Variants: pairs of a scene and a seed, indices in a split or among worlds, or draws from a curriculum."""
+    """Variants: pairs of a scene and a seed, indices in a split or among worlds, or choices of a curriculum."""
 
     def load(self) -> Iterator[PhysmentTask]:
         """Return the tasks. The laboratory writes their prompts when they are set up."""
@@ -182,7 +182,7 @@ class PhysmentEnvConfig(vf.EnvConfig):
 
 
 class PhysmentEnv(vf.Env[PhysmentEnvConfig]):
-    """Plays an episode as `physment-eval` does: a reply without a call uses an iteration and does not end it."""
+    """Plays as `physment-eval` does: a reply without a call uses an iteration but does not end the episode."""
 
     async def run(self, task: vf.Task, agents: vf.Agents) -> None:
         """Play one episode.

@@ -46,7 +46,7 @@ def draw_part(overlay: Overlay, optics: Optics, course: SketchedPart, places: Ma
     Args:
         overlay: The layer to draw on.
         optics: The projection.
-        course: The part.
+        course: The cord, spring, rod, rail or pulley.
         places: Object → its drawn position or its last reading [m].
     """
     known = [places.get(point) if isinstance(point, str) else point for point in course.points]

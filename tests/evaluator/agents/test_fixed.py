@@ -1,4 +1,4 @@
-"""Tests of the baselines that know the pack of a scene but not the values drawn from the seed."""
+"""Tests of the baselines that know the pack of a scene but not its hidden values at the seed."""
 
 import pytest
 

@@ -1,4 +1,4 @@
-"""Tests of the grading of stated laws: which laws count as equivalent, whatever their notation."""
+"""Tests of the grading of laws that agents write: which laws count as equivalent, whatever their notation."""
 
 import copy
 import itertools

@@ -354,9 +354,7 @@ async def test_twins_and_steps_hold_for_a_sample_of_the_scenes(scene: int, memor
 
 
 def reasons_of(checks: Sequence[Check]) -> list[str]:
-    """Return the faults that the checks report, except those that one or two seeds cannot show: two draws of a choice
-    may be equal.
-    """
+    """Return the faults that checks report, except equal keys, because two seeds may select the same choice."""
     reasons = [reason for check in checks for reason in check.reasons if reason != "all seeds have the same key"]
     return [reason.split(":")[0] for reason in reasons]
 

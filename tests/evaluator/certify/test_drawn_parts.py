@@ -1,5 +1,4 @@
-"""Tests that computing time does not depend on the draw: all seeds have equal numbers of laws and parts, and laws with
-factor 0 return finite values."""
+"""Tests that all seeds take equal computing time: equal numbers of laws and parts, finite values of disabled laws."""
 
 import json
 from typing import Any

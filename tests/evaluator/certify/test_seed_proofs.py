@@ -38,7 +38,7 @@ def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 @pytest.fixture
 def files(tmp_path: Path) -> PackFiles:
-    """A certified scene whose reference fails at the seeds that draw a heavy cart."""
+    """A certified scene whose reference fails at the seeds at which the cart is heavy."""
     author = Author(tmp_path / "packs")
     write_new_scene(author.folder, 7, Category.EASY_SINGLE)
     files = find_pack(7, author.folder)

@@ -1,4 +1,4 @@
-"""Tests of packs in the published format, written for these tests: no answer form, no draw, no category.
+"""Tests of packs in the published format, written for these tests: no answer form, no knobs, no category.
 
 A key is a number, the number of a case, or a list. The form of the answer follows from key and problem type.
 """

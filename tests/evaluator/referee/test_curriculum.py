@@ -1,4 +1,4 @@
-"""Tests of curricula: the window follows a simulated learner's success rate, and a referee draws from it."""
+"""Tests of curricula: the window follows a simulated learner's success rate, and a referee takes variants from it."""
 
 import math
 import random
@@ -42,7 +42,7 @@ class Learner:
 
 
 def taught(window: Window, learner: Learner, episodes: int) -> list[bool]:
-    """Let a learner play episodes that are drawn uniformly from a window; step n has a difficulty of n - 4."""
+    """Let a learner play episodes of random steps of a window; step n has a difficulty of n - 4."""
     drawn, results = random.Random(1), list[bool]()
     for _ in range(episodes):
         step = drawn.randint(window.low, window.high)
@@ -174,7 +174,7 @@ def test_a_curriculum_that_is_reset_during_a_draw_is_deleted_after_it() -> None:
     resets = list[threading.Thread]()
 
     class Interrupted(OrderedDict[str, Any]):
-        """Starts a reset in another thread just before a draw marks its curriculum as used."""
+        """Starts a reset in another thread just before `draw` marks its curriculum as used."""
 
         def move_to_end(self, key: str, last: bool = True) -> None:
             resets.append(threading.Thread(target=curricula.reset, args=("a",)))

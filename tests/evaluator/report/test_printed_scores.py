@@ -28,7 +28,7 @@ READ = returned("get_position", {"position": [0.0, 0.0, 1.951]}, object_id=1)
 
 
 def row(number: int, agent: str) -> ScoredEpisode:
-    """An episode with experiments unless its number is divisible by 3, and with stated readings if it is odd."""
+    """Return episode `number`: it has calls unless 3 divides the number, and reasoning with numbers if it is odd."""
     said = f"I read z = 1.951 m, so the mass is {number + 20.5} kg." if number % 2 else ""
     turns = [turn("I look.", READ, *[refused("step")] * (number % 4))] if number % 3 else []
     quiet = agent == "quiet" and number > 1
@@ -42,7 +42,7 @@ def row(number: int, agent: str) -> ScoredEpisode:
 
 @pytest.fixture(scope="module")
 def run() -> Run:
-    """Two agents some of whose episodes leave dimensions undefined; one states too few numbers for a G."""
+    """A run of two agents: some episodes lack a dimension, and one agent writes too few numbers for G."""
     return run_of([row(number, agent) for agent in ("quiet", "model:x") for number in range(53)])
 
 

@@ -1,4 +1,4 @@
-"""Tests of numbers derived by stated arithmetic, and of formula coefficients: each case counted by hand."""
+"""Tests of numbers derived by arithmetic in the text, and of formula coefficients: each case counted by hand."""
 
 import json
 

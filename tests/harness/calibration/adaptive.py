@@ -46,7 +46,7 @@ class Tested(NamedTuple):
 
 
 def laboratory(source: np.random.Generator) -> Laboratory:
-    """Draw the true difficulties of scenes, and estimate them from the answers of simulated takers."""
+    """Sample the true difficulties of scenes, and estimate them from the answers of simulated takers."""
     one = drawn(CALIBRATED, source)
     found = fit(one.data, one.features)
     middle = found.difficulty.mean()
@@ -58,7 +58,7 @@ def laboratory(source: np.random.Generator) -> Laboratory:
 
 
 def tested(lab: Laboratory, name: str, source: np.random.Generator) -> Tested:
-    """Draw a taker's ability and its answers at one new seed per scene, and run the three tests."""
+    """Sample a taker's ability and its answers at one new seed per scene, and run the three tests."""
     ability = float(source.normal(0, ABILITY_SD))
     logits = ability - lab.logits - source.normal(0, CALIBRATED.seed_sd, len(lab.logits))
     right = source.random(len(logits)) < 1 / (1 + np.exp(-logits))

@@ -34,7 +34,7 @@ DESIGNS = (
 
 
 class Drawn(NamedTuple):
-    """Simulated answers and the true parameters that they were drawn from."""
+    """Simulated answers and the true parameters from which they were sampled."""
 
     data: Responses
     features: np.ndarray
@@ -43,7 +43,7 @@ class Drawn(NamedTuple):
 
 
 def drawn(design: Design, source: np.random.Generator) -> Drawn:
-    """Draw takers, scenes and answers; scenes have three features, of which the last does not affect the difficulty."""
+    """Sample takers, scenes and answers; of a scene's three features, the last does not affect the difficulty."""
     features = source.normal(size=(design.scenes, 3))
     features = (features - features.mean(axis=0)) / features.std(axis=0)
     difficulty = features @ np.array([0.8, -0.4, 0.0]) + source.normal(0, design.scene_sd, design.scenes)

@@ -22,7 +22,7 @@ _READS = [tool.name for tool in TOOLS if tool.reads_only]
 
 
 def draw_batch(session: Session, source: random.Random) -> list[Call]:
-    """Draw a list of calls that a session accepts: interventions and steps, then readings. Restores the session."""
+    """Generate random calls that a session accepts: interventions and steps, then readings. Restores the session."""
     public = session.scene.public
     longest = min(10.0, 0.9 * session.lab_time_left)
     mood = source.choice(MOODS)

@@ -1,6 +1,6 @@
-"""Draws random tool calls: most fit their schemas, the others violate them in every way that JSON allows.
+"""Generates random tool calls: most fit their schemas, the others violate them in every way that JSON allows.
 
-Knows the published schemas, and the ids and limits of a session. Judges no results.
+Uses the published schemas, and the ids and limits of a session. Does not check results.
 """
 
 import functools
@@ -53,7 +53,7 @@ def schemas() -> dict[str, dict[str, Any]]:
 
 
 def draw_call(session: Session, deleted: Collection[str], mood: Mapping[str, float], source: random.Random) -> Call:
-    """Draw the next call of an episode.
+    """Generate the next call of an episode.
 
     Args:
         session: The episode, for its ids and limits.
@@ -72,7 +72,7 @@ def draw_call(session: Session, deleted: Collection[str], mood: Mapping[str, flo
 
 
 def fitting_call(session: Session, tool: str, source: random.Random) -> Call:
-    """Draw a call whose arguments fit the tool's schema and the limits of the laboratory."""
+    """Generate a call whose arguments fit the tool's schema and the limits of the laboratory."""
     drawing = _Drawing(session, (), source)
     arguments = drawing.arguments(schemas()[tool])
     drawing.suit(tool, arguments)
@@ -145,7 +145,7 @@ class _Drawing:
         return f"ball{self.source.randrange(1000)}{'-_'[self.source.randrange(2)] * length}"
 
     def _number(self, schema: Any) -> float:
-        """Draw a number within the bounds: a usual value, a value of any magnitude, or a bound."""
+        """Generate a number within the bounds: a usual value, a value of any magnitude, or a bound."""
         low = schema.get("minimum", schema.get("exclusiveMinimum", -1e6))
         high = schema.get("maximum", 1e6)
         kind = self.source.random()

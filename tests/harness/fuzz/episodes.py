@@ -86,7 +86,7 @@ def play_scene(scene: int, count: int, seed: int, *, most_failures: int = 3) -> 
 
 
 def _play_episode(scene: int, length: int, source: random.Random, tally: Tally) -> Failure | None:
-    """Play one episode of drawn calls; returns the first failure."""
+    """Play one episode of random calls; returns the first failure."""
     seed, max_calls = source.randrange(1000), source.choice((None, None, None, length // 2 + 1))
     mood = source.choice(MOODS)
     try:

@@ -1,6 +1,6 @@
-"""Finds simple formulas that compute a key from one or two numbers; fits them on some seeds, judges them on others.
+"""Finds simple formulas that compute an answer key from one or two numbers; fits and tests them on different seeds.
 
-Knows only numbers: no scenes and no calls.
+Handles numbers only, without access to scenes and calls.
 """
 
 from collections.abc import Sequence
@@ -22,13 +22,13 @@ class Tolerance:
     relative: float
 
     def agree(self, values: Array, keys: Array) -> NDArray[np.bool_]:
-        """Return which values agree with their keys; NaN never does."""
+        """Return which values agree with their answer keys; NaN never does."""
         return np.abs(values - keys) <= self.absolute + self.relative * np.abs(keys)
 
 
 @dataclass(frozen=True, slots=True)
 class Fit:
-    """A formula, and the share of seeds at which it gives the key."""
+    """A formula, and the share of seeds at which it agrees with the answer key."""
 
     formula: str
     fitted: float
@@ -38,16 +38,16 @@ class Fit:
 
 
 def best_formula(features: Array, names: Sequence[str], keys: Array, fitted: int, tolerance: Tolerance) -> Fit:
-    """Return the formula that gives the key at most of the fitted seeds.
+    """Return the formula that agrees with the answer key at the largest number of fitted seeds.
 
-    Tried are a constant, a + b x, c xᵖ, c (x y)ᵖ and c (x / y)ᵖ.
+    The candidates are a constant, a + b x, c xᵖ, c (x y)ᵖ and c (x / y)ᵖ.
 
     Args:
-        features: A row for each seed, a column for each number (seeds, features); NaN where there is none.
+        features: Numbers that calls returned, (seeds, features); NaN where a call returned none.
         names: Names of the features.
-        keys: The key of each seed.
-        fitted: How many of the first seeds are used for fitting.
-        tolerance: Tolerance of the key.
+        keys: The answer key of each seed.
+        fitted: Number of seeds, from the first on, that are used for fitting.
+        tolerance: Tolerance of the answer key.
     """
     use = np.isfinite(features[:fitted]).all(axis=0) & (np.ptp(np.nan_to_num(features[:fitted]), axis=0) > _TINY)
     x, labels = features[:, use], [name for name, used in zip(names, use, strict=True) if used]
@@ -95,7 +95,7 @@ def _lines(x: Array, wanted: Array, fitted: int) -> Array:
 
 
 def _judged(values: Array, texts: Sequence[str], keys: Array, fitted: int, tolerance: Tolerance) -> Fit:
-    """Return the column that agrees with the key at most of the first seeds."""
+    """Return the column that agrees with the answer key at the largest number of fitted seeds."""
     right = tolerance.agree(values, keys[:, None])
     best = int(np.argmax(right[:fitted].sum(axis=0)))
     return Fit(texts[best], float(right[:fitted, best].mean()), float(right[fitted:, best].mean()))

@@ -1,7 +1,7 @@
 """Sends malformed JSON-RPC frames to a live server and checks that they have no effect.
 
 At regular intervals, valid calls must return the same as at the start. No reply and no line of the log may reveal
-internals of the program. Knows frames and connections, and nothing of the laboratory.
+internals of the program. Handles frames and connections; does not use the laboratory's tools.
 """
 
 import asyncio
@@ -72,7 +72,7 @@ _BYTES = (b"\xff", b"\xc3", b"\xed\xa0\x80", b"\x00", b"\xf5\x80\x80\x80", b"\xf
 
 
 def draw_frame(source: random.Random) -> bytes:
-    """Draw a frame that cannot change the laboratory: it is malformed JSON, or at most asks for a reading."""
+    """Generate a frame that cannot change the laboratory: it is malformed JSON, or at most requests a reading."""
     if source.random() < 0.4:
         change = {"name": source.choice(("step", "apply_force", "answer")), "arguments": {"duration": 1, "answer": 1}}
         return source.choice(_BREAKING)(_text(_message(source, "tools/call", change)), source)

@@ -1,7 +1,7 @@
 """Detects leaks in results and refusals: words and numbers of a scene that are private at the moment of the call.
 
 Words of the server's code or of the opening prompt may occur by chance and are not searched for, nor are numbers that
-instruments could show. Instruments round, so most drawn values have more decimals than any reading.
+instruments could show. Instruments round, so most hidden values have more decimals than any reading.
 """
 
 import functools

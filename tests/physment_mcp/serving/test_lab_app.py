@@ -1,4 +1,4 @@
-"""Tests of the chat app: it is offered only to clients that declare apps."""
+"""Tests of the chat app: the server offers it only to clients that declare support for MCP Apps."""
 
 import json
 import re

@@ -314,7 +314,7 @@ def test_a_law_with_factor_0_does_nothing_whatever_it_acts_on() -> None:
 
 
 def test_a_law_costs_the_same_arithmetic_whatever_was_drawn() -> None:
-    """Compares the bytecode of compiled laws, because the duration of a step must not reveal drawn values."""
+    """Compares the bytecode of compiled laws, because the duration of a step must not reveal hidden values."""
 
     def code(k: float, factor: float) -> tuple[bytes, tuple[object, ...]]:
         law = {"on": "cart", "constants": {"k": k}, "force": ["-k*vx if k else 2*k", "k**2", "0"], "factor": factor}

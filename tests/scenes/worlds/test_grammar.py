@@ -21,7 +21,7 @@ BRAKES = {True: "linear drag", False: "friction"}
 
 
 def record_of(structure: Structure, questions: tuple[Question, ...] = (), seed: int = 1) -> WorldRecord:
-    """A record of a structure with drawn constants and a short course."""
+    """A record of a world with random constants and few readings."""
     told = Situation(structure.apparatus, structure.radius, FORCE, 8, 0.002)
     return WorldRecord(
         grammar=1, level=1, index=0, split="train", salt="s", apparatus=structure.apparatus,

@@ -19,7 +19,7 @@ EACH = [(level, apparatus) for level in LEVELS for apparatus in difficulty_of(le
 
 
 def drawn_record(level: int, apparatus: Apparatus, rng: random.Random) -> WorldRecord:
-    """Return a record with a drawn structure that passed no acceptance test."""
+    """Return a record of a random world, to which no acceptance test was applied."""
     structure = draw_structure(difficulty_of(level).changed(apparatuses=(apparatus,)), rng)
     return WorldRecord(
         grammar=GRAMMAR, level=level, index=0, split="train", salt="s", apparatus=apparatus,

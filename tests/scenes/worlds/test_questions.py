@@ -27,7 +27,7 @@ DRAG = (Term("linear drag"),)
 
 
 def record_of(structure: Structure, constants: dict[str, float], questions: tuple[Question, ...]) -> WorldRecord:
-    """Return a record that passed no acceptance test."""
+    """Return a record of a world, to which no acceptance test was applied."""
     return WorldRecord(
         grammar=GRAMMAR, level=5, index=0, split="train", salt="s", apparatus=structure.apparatus,
         terms=tuple((term.form, term.modulations) for term in structure.terms), constants=constants,

@@ -43,7 +43,7 @@ def _made(seed: int) -> tuple[WorldRecord, Certificate]:
 
 @pytest.fixture
 def exported(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """An exported world, as a host on another machine has it."""
+    """The folder of an exported world, which is what a host on another machine receives."""
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     record, certificate = _made(1)
     (tmp_path / "worlds").mkdir()

@@ -18,7 +18,8 @@ def row(opened: OpenedEpisode, variant: dict[str, Any]) -> dict[str, Any]:
 
     Args:
         opened: An episode of this variant.
-        variant: The requested variant. A random index is replaced by the drawn one, so that the row is reproducible.
+        variant: The requested variant. The row names it by its index in the split instead of a random seed, so that the
+            row is reproducible.
     """
     tools = [
         {

@@ -1,4 +1,4 @@
-"""Tests the detectors on the paper's six example traces, as records: each trace shows its failure mode."""
+"""Tests that the detectors find the failure mode of each of the six episodes that the paper prints as examples."""
 
 import pytest
 
