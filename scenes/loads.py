@@ -204,7 +204,7 @@ class Lever:
         return looks(self.body, [self.wait_s])
 
     def turned(self) -> Generator[list[Call], list[Reading], tuple[list[tuple[Call, Reading]], int]]:
-        """Attach the heaviest balls that do not trigger the brake until the angle is large enough.
+        """Attach balls until the angle is large enough, each as heavy as possible without triggering the brake.
 
         The mass of the next ball follows from the angular velocity after the last one; it grows at most eightfold.
 

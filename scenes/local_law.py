@@ -1,4 +1,4 @@
-"""A linear law of a puck, fitted to the pushes so far, for planning the next push. For reference protocols."""
+"""A linear law of a puck, fitted to all pushes so far, for planning the next push. Used by reference protocols."""
 
 from dataclasses import dataclass
 from typing import Self
@@ -28,7 +28,7 @@ class LocalLaw:
 
     @classmethod
     def fitted(cls, course: Course, sigma: float, wanders: float, weak_kg: float) -> Self:
-        """Fit the law to the course of a puck that was at rest before.
+        """Fit the law to pushes and readings of a puck that starts at rest.
 
         Args:
             course: Forces along x and y, and readings of x, y, vx and vy.

@@ -251,7 +251,7 @@ def left_over(engine: Any, held: int, speeds: Sequence[float], push: float, off:
         speeds: Steady speeds of both bodies [m/s].
         push: Force that keeps the speed [N].
         off: Relative disturbance of the speeds.
-        seconds: Time after the disturbance.
+        seconds: Time from the disturbance to the reading of the error [s].
     """
     free = engine.changed({"body[nets].pos": (1e6, 0.0, 0.0)})
     for body, speed in zip(BODIES, speeds, strict=True):

@@ -164,7 +164,7 @@ class PuckFloor:
         Args:
             state: x, y, vx, vy.
             target: x, y.
-            law: The law by which the course is predicted.
+            law: The law by which the motion is predicted.
             mass: Mass that limits the force [kg].
         """
         pushes = mass * np.vstack([np.zeros(2), self._pushes()]).T

@@ -102,7 +102,7 @@ def to_a_side(plan: SwingPlan, place: Array, far: float, more: Array) -> Array:
     """Return the objective of planned paths with wide swings to one side, within the reach.
 
     Args:
-        plan: State and objective.
+        plan: State of the body and objective.
         place: Coordinate at each reading of each trial; shape (looks, trials).
         far: Distance beyond which a swing counts as wide.
         more: Additional value of a reading; shape (looks, trials).

@@ -121,7 +121,7 @@ def refitted(
 
     Args:
         starts: Several initial values of all constants.
-        free: Indices of the free ones.
+        free: Indices of the free constants.
         doubt: Variance of the work at each point.
         alone: Function of the constants; returns the independent variance of each point.
         misfits: Function of the constants; returns the misfits of the points, and other misfits in standard deviations.

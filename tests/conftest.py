@@ -71,7 +71,7 @@ def host_url() -> Generator[str]:
 def web_server() -> Callable[..., contextlib.AbstractContextManager[str]]:
     """Starts a web server that gives the same reply to every request; yields its address.
 
-    With `busy`, it refuses so many requests before, and says that it can be asked again at once.
+    With `busy`, it first refuses that many requests with status 429 and `Retry-After: 0`.
     """
 
     @contextlib.contextmanager

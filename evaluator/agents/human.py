@@ -51,7 +51,7 @@ class Terminal(Protocol):
         """Ask for a line.
 
         Args:
-            prompt: Shown in front of the line.
+            prompt: Text shown in front of the line.
             words: Words that the terminal may complete.
 
         Raises:

@@ -14,7 +14,7 @@ from scenes.reference_laws import stating
 
 @dataclass(slots=True)
 class ProtocolPlayer:
-    """Plays a protocol: each `yield` is one turn."""
+    """Plays a protocol, a generator of calls: each `yield` is one turn."""
 
     make: Callable[[str], Protocol]
     """Creates the protocol. Its docstring is recorded as the reasoning of the first turn."""

@@ -209,9 +209,10 @@ class _TakerPlayer:
         }
 
     def _fitted(self, asked: ToolCall) -> ToolCall:
-        """Return the answer of the best-fitting law that the taker knows; `asked` if the pack has no family of laws.
+        """Return the answering call `asked` with the answer by the best-fitting law that the taker knows.
 
-        The answer states the law that the protocol inferred only if the taker knows it.
+        Without a family of laws in the pack, the call is returned unchanged. The law that the protocol inferred is
+        removed from the call if the taker does not know it.
         """
         if self.rivals is None:
             return asked

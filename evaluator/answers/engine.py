@@ -38,7 +38,7 @@ class Engine(World):
 
         Args:
             mjcf: The MJCF model with the sampled values.
-            timestep: Replaces the scene's time step, to measure the discretisation error [s].
+            timestep: Time step to use in place of the scene's [s], to measure the discretisation error.
         """
         super().__init__(mjcf, timestep)
         self._mjcf, self._halved = mjcf, timestep

@@ -18,7 +18,7 @@ async def in_processes(
 
     Args:
         jobs: The jobs.
-        work: Returns the function to run for a job in a worker process. The function must be picklable.
+        work: Function that returns, for a job, the function to run in a worker process. The latter must be picklable.
         workers: Number of processes.
         on_done: Called in this process with each job and its result, in order of completion.
     """

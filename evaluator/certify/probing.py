@@ -41,7 +41,7 @@ class NotMeasurable(Exception):
 
 @dataclass(frozen=True, slots=True)
 class Probe(Readout):
-    """Instruments without rounding and noise that record their sources and add chosen errors to readings."""
+    """Instruments without rounding and noise that record what was read and add chosen errors to readings."""
 
     asked: dict[Source, int] = field(default_factory=dict[Source, int])
     """Each source that was read → number of its components."""

@@ -109,7 +109,7 @@ def check_sane(subject: Subject, seeds: Iterable[int], faults: Sequence[str]) ->
     Args:
         subject: The scene.
         seeds: Seeds whose models are run.
-        faults: What lint found.
+        faults: Faults that lint found.
     """
     reasons = list(faults)
     drawn = [subject.draw(seed).mjcf for seed in seeds]

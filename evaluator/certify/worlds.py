@@ -47,7 +47,7 @@ def engine_answers(record: WorldRecord, timestep: float | None = None) -> Array:
 
     Args:
         record: The world.
-        timestep: Replaces the time step [s], to measure the discretisation error.
+        timestep: Time step to use in place of the model's [s], to measure the discretisation error.
     """
     return np.array([_answer(record, question, timestep) for question in record.questions])
 

@@ -134,8 +134,8 @@ async def play_adaptively(
 
     Args:
         config: The configuration of the run.
-        table: The difficulties.
-        runner: Plays the episodes of a stage.
+        table: The difficulties of the scenes.
+        runner: Object that plays the episodes of a stage.
         matrix: All episodes that can be chosen.
         done: Episodes that were played before.
         keys: Answer keys.

@@ -114,7 +114,7 @@ async def play_on_page(
         client: A client connected to a fresh session of the scene, which receives views.
         key: Key of the episode.
         files: Pack of the scene.
-        versions: Recorded with the episode.
+        versions: Versions of software and pack to record with the episode.
     """
     public = read_public(files)
     limits = {} if public.limits is None else public.limits.model_dump(exclude_none=True)

@@ -169,7 +169,7 @@ def _seal(folder: RunFolder, sealing: Sealing, console: Console) -> None:
 
 
 async def _record(run: PreparedRun, laboratory: EpisodeConnector) -> RunRecord:
-    """Create the record of the run for this start. It queries the server, so an unreachable server fails early."""
+    """Create the record of a run that starts now. Queries the server, so that an unreachable server fails early."""
     plan, shard = run.plan, run.config.shard
     try:
         async with laboratory.open(plan.scenes[0], plan.seeds[0]) as client:

@@ -62,9 +62,10 @@ async def play_episode(
         agent: The agent that plays.
         client: A client connected to a fresh session of the scene.
         key: Key of the episode, with its iteration budget.
-        versions: Recorded with the episode.
+        versions: Versions of software and pack to record with the episode.
         toolboxes: Cached tools of the server; None to request them for this episode.
-        used: Receives the usage of each reply, even if the episode fails. May contain usage of earlier attempts.
+        used: List to which the usage of each reply is added, even if the episode fails. It may contain the usage of
+            earlier attempts.
 
     Raises:
         InfrastructureError: The server failed; the episode has no outcome and may be played again.
@@ -251,8 +252,8 @@ class Participant(Protocol):
         Args:
             laboratory: Connector that opens the episode.
             key: Key of the episode.
-            versions: Recorded with the episode.
-            used: Receives the usage of each reply of a model, even if the episode fails.
+            versions: Versions of software and pack to record with the episode.
+            used: List to which the usage of each reply of a model is added, even if the episode fails.
 
         Raises:
             InfrastructureError: A service failed; the episode has no outcome and may be played again.

@@ -28,7 +28,7 @@ async def film_of(episode: Episode, opens: Opens, record_sha256: str, *, reveale
 
     Args:
         episode: The stored episode.
-        opens: Opens its laboratory.
+        opens: Function that opens the laboratory of the episode.
         record_sha256: SHA-256 of the episode's line of `episodes.jsonl`; the film contains it.
         revealed: Whether the laboratory also shows what the agent could not see.
 

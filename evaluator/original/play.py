@@ -192,7 +192,7 @@ async def play_logs(
 
     Args:
         logs: The logs.
-        laboratory: Serves the authors' packs.
+        laboratory: Laboratory that serves the authors' packs.
         keys: The answer keys of the same packs.
         names: Scene → title, of the same packs.
         versions: Scene → versions to record.

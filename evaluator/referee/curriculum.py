@@ -111,7 +111,7 @@ class Curricula:
         Args:
             name: Name of the curriculum.
             pool: Scenes and seeds.
-            steps: The scenes in steps.
+            steps: The scenes, grouped into steps of difficulty.
             random_seed: Determines the variant as long as the window does not move.
 
         Raises:

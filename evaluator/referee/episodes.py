@@ -333,7 +333,7 @@ class Referee:
             await self._close(episode_id)
 
     def played_record(self) -> RunRecord:
-        """Return the run record with the plan replaced by what was actually recorded."""
+        """Return the run record with a plan that contains the recorded episodes only."""
         return self.recording.run_record(self.record, self.prover)
 
     async def _in_thread(self, work: functools.partial[T]) -> T:

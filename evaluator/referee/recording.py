@@ -1,4 +1,4 @@
-"""Bookkeeping of a referee's records: numbers the epochs of episodes, and writes the run record for them."""
+"""Numbers the epochs of a referee's episodes, and writes the run record of these episodes."""
 
 from collections import Counter
 from dataclasses import dataclass, field
@@ -24,7 +24,7 @@ class Recording:
         return key.model_copy(update={"epoch": self._played[cell]})
 
     def run_record(self, record: RunRecord, prover: SeedProver | None) -> RunRecord:
-        """Return a run record with the plan replaced by what was actually recorded.
+        """Return a run record with a plan that contains the recorded episodes only.
 
         Args:
             record: The record from the start of the referee.

@@ -230,7 +230,7 @@ async def proved_variant(prover: SeedProver, wanted: WantedEpisode, variant: Var
     without a certificate is not checked.
 
     Args:
-        prover: Checks seeds.
+        prover: Object that checks seeds.
         wanted: The request.
         variant: The variant that it selects.
 

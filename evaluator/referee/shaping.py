@@ -18,8 +18,8 @@ def shaping_of(episode: Episode, seed_of: SeedOf, folder: Path | None) -> list[f
     """Return a shaping reward for each call of an episode, refused ones and the answer included.
 
     The potential of a state is -ln(b), where b is the largest Cramér-Rao bound of the answer in tolerances. The reward
-    of a call is the change of the potential. The last call is also charged the negative sum of all changes, so the
-    rewards add up to 0. Without discounting, such rewards change no optimal policy (Ng, Harada and Russell 1999).
+    of a call is the change of the potential. The sum of all changes is subtracted from the reward of the last call, so
+    the rewards add up to 0. Without discounting, such rewards change no optimal policy (Ng, Harada and Russell 1999).
 
     Args:
         episode: The ended episode.

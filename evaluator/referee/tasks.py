@@ -81,7 +81,7 @@ async def write_tasks(
 
     Args:
         folder: Existing folder to write to.
-        laboratory: Plays the reference protocols.
+        laboratory: Laboratory on which the reference protocols are played.
         variants: The variants, with their answer keys.
         per_scene: Number of seeds of each scene.
         scenes: The scenes to write; None for all.

@@ -26,7 +26,7 @@ EPISODES, SCORES, RUN = "episodes.jsonl.xz", "scores.jsonl.xz", "run.json"
 
 
 class BaselineScore(Record):
-    """The scores of one episode of the baseline run that reports use."""
+    """The scores of one episode of the baseline run, as far as reports use them."""
 
     key: EpisodeKey
     category: str

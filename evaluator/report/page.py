@@ -67,7 +67,7 @@ def write_report(
         runs: The graded runs.
         inline: Largest number of episodes of a report that is a single file.
         baselines: Whether to show the baselines that ship with the package.
-        follow: Wraps the iterator of notebook scripts, for example to show a progress bar.
+        follow: Function that wraps the iterator of notebook scripts, for example to show a progress bar.
 
     Returns:
         Path of the page.

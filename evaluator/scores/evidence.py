@@ -216,7 +216,7 @@ class TurnText:
 
 
 def _in_unit_of(number: Spoken, statement: Statement, values: Mapping[int, float]) -> Iterator[float]:
-    """Yield the result of arithmetic in the unit of the number; also without units, if one of the two has none."""
+    """Yield the result of arithmetic in the unit of a number; also the plain result, if one of the two has no unit."""
     in_si = statement.outcome(values, in_si=True)
     if in_si is not None:
         yield in_si / float(number.si_factor)

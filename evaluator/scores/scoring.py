@@ -95,7 +95,7 @@ def grade_run(
         kept: Scenes whose stored grades are kept, because the packs here are not those of the run.
         keep_laws: Whether to keep the stored grades of laws that have not changed, which take about a second each.
             Only for a run whose grades this program has written.
-        tracked: Yields the given episodes and shows the progress.
+        tracked: Function that yields the given episodes and shows the progress.
 
     Raises:
         UsageError: A pack is malformed or gives no key, or an episode has no stored grade that could be kept.
@@ -132,7 +132,7 @@ def graded_rows(
         withhold: Whether to omit answer keys and reasons from the grades.
         kept: Scenes whose stored grades are kept.
         before: Earlier grades, of which those of unchanged laws are kept; None to grade all laws again.
-        tracked: Yields the given episodes and shows the progress.
+        tracked: Function that yields the given episodes and shows the progress.
 
     Raises:
         UsageError: A pack is malformed or gives no key, or an episode has no stored grade that could be kept.

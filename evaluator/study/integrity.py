@@ -21,7 +21,7 @@ class Sealing:
 
         Args:
             folder: The run, whose damaged lines have been set aside.
-            trust: Accept records that do not match their seal.
+            trust: Whether to accept records that do not match their seal.
             damage: A sentence for each line that was set aside. If there are any, the seal cannot be verified.
 
         Raises:
@@ -57,7 +57,7 @@ def seal_note(folder: RunFolder, *, trust: bool = False) -> str:
 
     Args:
         folder: The run.
-        trust: Accept records that do not match their seal; the clause then says so.
+        trust: Whether to accept records that do not match their seal; the clause then says so.
 
     Raises:
         StoreError: The records do not match their seal.

@@ -114,7 +114,7 @@ def merge(parts: Sequence[RunFolder], target: RunFolder, *, trust: bool = False)
     Args:
         parts: The run folders to merge.
         target: The folder of the merged run.
-        trust: Accept records that do not match their seal; the seal of the merged run says so.
+        trust: Whether to accept records that do not match their seal; the seal of the merged run says so.
 
     Raises:
         UsageError: The parts do not belong together.

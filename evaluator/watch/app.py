@@ -50,7 +50,7 @@ def app(folder: RunFolder, follow: Callable[[], FollowedRun | None], token: str)
 
     Args:
         folder: The folder of the run, which need not exist yet.
-        follow: Opens the run; None as long as it does not exist.
+        follow: Function that opens the run; it returns None as long as the run does not exist.
         token: First segment of every path.
     """
     looks = _Looks(folder, follow)

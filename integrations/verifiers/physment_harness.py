@@ -28,7 +28,7 @@ _TAIL = 2000
 
 
 class LaboratoryState(vf.State):
-    """The episode of a rollout, which the model does not see."""
+    """Data of a rollout's episode for the harness, such as address and tokens, which the model does not see."""
 
     episode_id: str = ""
     owner_token: str = ""
@@ -62,7 +62,7 @@ class PhysmentHarness(Harness[PhysmentHarnessConfig]):
 
     @contextlib.asynccontextmanager
     async def _connections(self) -> AsyncGenerator[aiohttp.ClientSession]:
-        """The pool, which exists as long as a rollout is played."""
+        """The pool of connections, created at its first use."""
         if self._pool is None:
             self._pool = aiohttp.ClientSession(
                 connector=aiohttp.TCPConnector(limit=0), timeout=aiohttp.ClientTimeout(total=None, connect=CONNECT_S)

@@ -71,5 +71,5 @@ def _preview(args: argparse.Namespace) -> int:
 
 
 def _has_display() -> bool:
-    """Whether a graphical browser can open: a text browser would occupy the terminal."""
+    """Whether a graphical browser is available. Text browsers are not used, because they would occupy the terminal."""
     return sys.platform in {"win32", "darwin"} or any(map(os.environ.get, ("DISPLAY", "WAYLAND_DISPLAY")))

@@ -77,8 +77,8 @@ def bounded_protocol(connections: Connections, request_s: float = REQUEST_S) -> 
     """Return the protocol class of one server, for `uvicorn.Config`.
 
     Args:
-        connections: Counts the connections of this server.
-        request_s: As `REQUEST_S`.
+        connections: Counter of the connections of this server.
+        request_s: See `REQUEST_S`.
     """
     return type("HostProtocol", (_BoundedProtocol,), {"open_connections": connections, "request_s": request_s})
 
@@ -167,10 +167,10 @@ class HttpGuard:
 
     Args:
         app: The application behind the middleware.
-        admit: Awaited with the path of each request before any check.
+        admit: Asynchronous function that is called with the path of each request before any check.
         names: Accepted names besides the server's addresses and loopback.
         most: Largest accepted body [bytes].
-        within_s: As `BODY_S`.
+        within_s: See `BODY_S`.
     """
 
     def __init__(

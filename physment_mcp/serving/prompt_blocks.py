@@ -72,7 +72,7 @@ def answer_block(form: AnswerForm | None, problem_type: str) -> str:
 
     Args:
         form: The form that the pack states; None for a published pack.
-        problem_type: Determines the form if the pack states none.
+        problem_type: Type of the problem, which determines the form if the pack states none.
     """
     if form is None:
         usual = _tolerance(AnswerForm(kind=AnswerKind.NUMBER))

@@ -92,10 +92,10 @@ class Turns:
         """Create the turns in which the requests of one episode are served.
 
         Args:
-            scheduler: Shared by the episodes of a host; None for an episode alone.
-            patience_s: As `PATIENCE_S`.
-            allowed_s: As `_ALLOWED_S`.
-            quiet_s: As `_QUIET_S`.
+            scheduler: Scheduler that the episodes of a host share; None for a single episode.
+            patience_s: See `PATIENCE_S`.
+            allowed_s: See `_ALLOWED_S`.
+            quiet_s: See `_QUIET_S`.
         """
         self._scheduler = Scheduler() if scheduler is None else scheduler
         self._patience_s = patience_s
@@ -142,7 +142,7 @@ class Turns:
         It returns the time that the next piece may take [s]; None for the usual time.
 
         Args:
-            at_most: As `WAITS`.
+            at_most: See `WAITS`.
         """
         began_at = resumed_at = time.monotonic()
         request = self._holder

@@ -185,13 +185,13 @@ class EpisodeSlot:
 
         Args:
             session: The open episode; None if clients choose the scene.
-            reopen: Opens an episode by scene id, if clients choose the scene.
+            reopen: Function that opens an episode by scene id, if clients choose the scene.
             scene_ids: Ids of the scenes that can be opened; by default the open one.
-            list_scenes: Lists the scenes that can be opened; by default the open one.
-            watch: Creates the source of images for results; None for results without images.
+            list_scenes: Function that lists the scenes that can be opened; by default the open one.
+            watch: Function that creates the source of images for results; None for results without images.
             gone: Why there is no episode and none can be opened; None otherwise.
-            find_visibility: Returns what a client may display of a scene, for the app; None without the app.
-            scheduler: Decides which episode of a server simulates next; None for a single episode.
+            find_visibility: Function that returns what the app may display of a scene; None without the app.
+            scheduler: Scheduler that decides which episode simulates next; None for a single episode.
         """
         self.session = session
         self.reopen = reopen

@@ -79,10 +79,10 @@ class SocketEpisodes:
         """Create the service without episodes.
 
         Args:
-            admission: Opens the sessions of the episodes.
-            watch: Creates the frames for results; None for results without frames.
-            find_visibility: Returns the visibility of a scene, for clients that show the app.
-            scheduler: Shared by all episodes of the server.
+            admission: Object that opens the sessions of the episodes.
+            watch: Function that creates the source of frames for results; None for results without frames.
+            find_visibility: Function that returns the visibility of a scene, for clients that show the app.
+            scheduler: Scheduler that all episodes of the server share.
         """
         self._admission = admission
         self._watch = watch

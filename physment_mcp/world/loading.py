@@ -49,7 +49,7 @@ def load(mjcf: str, timestep: float | None = None) -> CompiledScene:
 
     Args:
         mjcf: MuJoCo XML.
-        timestep: Replaces the model's own time step [s]; for step-halving checks.
+        timestep: Time step to use in place of the model's own [s]; for step-halving checks.
 
     Raises:
         SceneError: The XML does not compile, or one of its laws is invalid.

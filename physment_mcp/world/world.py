@@ -32,7 +32,7 @@ class World(Simulation):
 
         Args:
             mjcf: MuJoCo XML.
-            timestep: Replaces the model's own time step [s]; for step-halving checks.
+            timestep: Time step to use in place of the model's own [s]; for step-halving checks.
             readout: Resolution and noise of the instruments.
         """
         super().__init__(mjcf, timestep)

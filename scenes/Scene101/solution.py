@@ -136,7 +136,7 @@ def _load(number, kg, spans):
 
 
 def solve(task):
-    """Find the scale of the torques; then turn fast, slowly and fast again, with loads computed from earlier speeds."""
+    """Find the size of the torques; then turn fast, slowly and fast again, with loads computed from earlier speeds."""
     seen, number, kg = [], 0, FIRST_KG
     while not seen or _course(seen)[2][-1] < SEEN:
         calls = _load(number, kg, [SETTLE_S])

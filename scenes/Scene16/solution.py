@@ -12,7 +12,7 @@ WEIGHT_N = DENSITY * 4 / 3 * pi * RADIUS**3 * 9.81
 
 
 def solve(task):
-    """Put a ball into the pan, let it come to rest, check that it lies there, and divide its weight by the sag."""
+    """Put a ball into the pan, wait until both rest, check that it is inside, and divide its weight by the sag."""
     readings = yield [
         call("create_objects", name="weight", pos=[0, 0, 1.105], density=DENSITY, rgba=[1, 0, 0, 1], radius=RADIUS),
         call("step", duration=15),

@@ -8,7 +8,7 @@ FORCE_N = 6.0
 
 
 def solve(task):
-    """Reveal what is hidden, then weigh it with a known push."""
+    """Find the hidden ball, push it with a known force, and compute its mass from the acceleration."""
     found = yield [call("find_objects")]
     ball = found[0]["revealed"][0]["object_id"]
     pushed = yield [

@@ -151,7 +151,7 @@ def _rest():
 
 
 def solve(task):
-    """Increase the torque step by step: at first one step at a time with a reading of the speed, then two at a time."""
+    """Increase the torque step by step: first one step per iteration, with a reading of the speed, then two."""
     yield [call("find_objects")]
     exchanges, torque, more, number, way = [], 0.0, FIRST_NM, 0, 0.0
     allowed, gained = np.inf, 0.0

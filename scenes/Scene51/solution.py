@@ -1,4 +1,4 @@
-"""Scene 51: one throw, one reading of energy and momentum."""
+"""Scene 51: throw the ball once, and read its energy and momentum during the flight."""
 
 import numpy as np
 
@@ -10,7 +10,7 @@ WAIT_S = 0.4
 
 
 def solve(task):
-    """Throw, wait, read; the momentum lost in that time is the weight times the time."""
+    """Throw the ball, wait and read; the loss of momentum is the weight of the ball times the waiting time."""
     readings = yield [
         call("set_velocity", object_id="object_1", velocity_vector=[0, 0, THROW]),
         call("step", duration=WAIT_S),

@@ -1,4 +1,4 @@
-"""Scene 71: move the hidden rider, and weigh it with the spring."""
+"""Scene 71: move the hidden rider along the beam, and compute its mass from the torque of the spring."""
 
 from math import asin
 
@@ -14,7 +14,7 @@ AXIS_Z = 1.0
 
 
 def solve(task):
-    """Reveal the rider, shift it outward, and balance its torque by that of the spring."""
+    """Find the rider, shift it outward, and compute its mass from the torque of the spring at rest."""
     found = yield [call("find_objects")]
     rider = found[0]["revealed"][0]["object_id"]
     readings = yield [

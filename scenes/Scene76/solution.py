@@ -29,7 +29,7 @@ def rivals(readings):
 
 
 def solve(task):
-    """Find out how hard to push, then drive the carts back and forth, and compare all structures."""
+    """Find a suitable force, drive the carts back and forth, and fit all combinations of couplings and resistances."""
     seen = yield from PAIR.driven(0.1, 3000.0, 9.0, LEVELS, TIMES_S)
     yield [answer(MODEL.best(seen))]
 

@@ -1,4 +1,4 @@
-"""Scene 96: turn the driver step by step up to just below the shield, and fit the laws to angles and speeds."""
+"""Scene 96: turn the driver step by step to a lag just below that of the shield; fit the laws to angles and speeds."""
 
 from math import pi
 

@@ -238,7 +238,7 @@ def _finite(found: Array) -> Array:
 
 
 def _chosen(asked: Sequence[Question], matter: Flags, spread: Array) -> list[int]:
-    """Return the indices of questions such that each part affects at least one; kinds differ if possible."""
+    """Return indices of questions such that each part of the law affects one of them; kinds differ if possible."""
     chosen: list[int] = []
     able = [bool(column.any()) for column in matter.T]
     while len(chosen) < ASKED:

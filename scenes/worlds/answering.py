@@ -253,9 +253,9 @@ def crossing(beyond: Callable[[Array], Array], grid: Array, values: Array, fine:
     """Find roots of increasing functions by false position. Source: the Illinois algorithm.
 
     Args:
-        beyond: Values at (points, trials), of one function for each trial.
+        beyond: Function of points (points, trials); returns the values there, by another function for each trial.
         grid: Ascending points (points, trials) that bracket the roots.
-        values: The values there.
+        values: The values at the points of `grid`.
         fine: Absolute value that counts as 0.
         steps: Largest number of iterations within a bracket.
 

@@ -42,8 +42,8 @@ def drawn(
     Args:
         structure: The terms of the law.
         constants: Their constants, which ensure that the target of a `push` question is reachable.
-        told: The laboratory.
-        difficulty: Names the kinds.
+        told: Apparatus, limits and instruments of the laboratory.
+        difficulty: The difficulty, which names the kinds of questions.
         rng: The random stream.
     """
     kinds = kinds_for(told.apparatus, difficulty.kinds)

@@ -75,7 +75,7 @@ def _compiled(writer: "_Writer", rows: list[str], *, single: bool, scope: Mappin
     """Compile generated lines to a function that returns time derivatives.
 
     Args:
-        writer: Generated the lines.
+        writer: The object that generated the lines.
         rows: Variables or numbers that the function returns.
         single: Whether the function computes with Python floats instead of arrays.
         scope: Additional names that the lines may use.

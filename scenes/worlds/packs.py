@@ -43,7 +43,7 @@ def pack_of(record: WorldRecord, certificate: Certificate | None) -> Pack:
 
     Args:
         record: The world.
-        certificate: Contains the answer key; None for a laboratory, which does not need it.
+        certificate: Certificate with the answer key; None for a laboratory, which does not need the key.
     """
     apparatus, structure = record.apparatus, record.structure
     numbers = [asked_of(apparatus, question) for question in record.questions]

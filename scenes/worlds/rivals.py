@@ -38,7 +38,7 @@ def rival_of(refits: Refits, asked: Sequence[Question], key: Array, before: Fit 
     Args:
         refits: The readings of the sampled world.
         asked: The questions.
-        key: Their answers.
+        key: The right answers to the questions.
         before: A rival that was found with other readings; it is tried first.
     """
     search, drawn = refits.search, refits.drawn

@@ -21,7 +21,7 @@ class Program:
 
     Attributes:
         early: Lines that contain neither time nor state.
-        late: The other lines.
+        late: Lines that contain time or state.
     """
 
     def __init__(self, changing: Iterable[str]) -> None:

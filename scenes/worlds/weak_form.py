@@ -164,7 +164,7 @@ class Legs:
             structure: The terms of the law.
             constants: Their constants; a value for each trial.
             trials: Number of trials.
-            shift: Added to the state at the start of each leg; shape (read, trials).
+            shift: Change of the readable state at the start of each leg; shape (read, trials).
         """
         sampled = self._for_starts
         starts = np.arange(len(self.course.durations)) * sampled.inner

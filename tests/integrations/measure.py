@@ -66,7 +66,7 @@ class Peak:
         self.mb = 0.0
 
     def sample(self) -> None:
-        """Look at the memory that they use now."""
+        """Measure the memory that the programs use now."""
         found = 0
         for process in Path("/proc").glob("[0-9]*"):
             with contextlib.suppress(OSError):  # it ended meanwhile, or belongs to another user

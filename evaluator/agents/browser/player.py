@@ -126,7 +126,7 @@ class PageState:
 
         Args:
             calls: Calls of the turn.
-            note: Recorded as the reasoning of the turn.
+            note: Text that is recorded as the reasoning of the turn.
 
         Raises:
             RefusedRequest: No turn is awaited, a call does not fit its tool's schema, or an answer is ambiguous.

@@ -100,7 +100,7 @@ class ExternalAgent:
         Args:
             laboratory: A connector to an episode server with an address.
             key: Key of the episode.
-            versions: Recorded with the episode.
+            versions: Versions of software and pack to record with the episode.
             used: Not changed, since the evaluator does not know how many tokens a program uses.
 
         Returns:

@@ -80,7 +80,7 @@ async def run_child(
         env: Complete environment of the command.
         stdin: Text sent to its standard input; None for an empty input.
         max_wall_s: Most wall time [s].
-        until: Waits for the event that makes further running pointless; the command is then stopped.
+        until: Asynchronous function; when it returns, the command is stopped.
         user: System user that runs it; None for the user of this process.
 
     Raises:

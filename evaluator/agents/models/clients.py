@@ -33,7 +33,7 @@ def open_http(timeout_s: float, transport: httpx2.AsyncBaseTransport | None = No
 
     Args:
         timeout_s: Longest time without data from the server [s].
-        transport: Replaces the network transport, for tests.
+        transport: HTTP transport to use in place of the network, for tests.
     """
     return httpx2.AsyncClient(
         timeout=httpx2.Timeout(timeout_s, connect=_CONNECT_S),

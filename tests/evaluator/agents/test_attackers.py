@@ -31,7 +31,7 @@ def opening_of(files: PackFiles) -> Opening:
 
 
 async def attack(files: PackFiles, name: str, seed: int = 0) -> tuple[Drive, AnswerValue]:
-    """Return an attacker's calls in a scene, and the key."""
+    """Return an attacker's calls in a scene, and the answer key."""
     subject = Subject.open(files)
     draw = subject.draw(seed)
     return await drive(subject.session(draw), ATTACKERS[name]), subject.truth(draw)

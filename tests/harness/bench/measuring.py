@@ -33,7 +33,7 @@ async def compare(what: str, ours: Timed, theirs: Timed, rounds: int, aim: float
         ours: The function under test.
         theirs: The reference.
         rounds: How often both are timed.
-        aim: The ratio that we want to stay below.
+        aim: Largest ratio that is not marked.
     """
     await ours()
     await theirs()
@@ -51,8 +51,8 @@ def compare_busy(what: str, ours: Work, theirs: Work, aim: float, *, calls: int,
 
     Args:
         what: Text of the row.
-        ours: One call of ours.
-        theirs: One call of the reference.
+        ours: Function under test; one call of it.
+        theirs: Reference function; one call of it.
         aim: Largest ratio that is not marked.
         calls: Calls of each side in a round.
         rounds: Number of rounds.

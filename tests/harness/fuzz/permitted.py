@@ -33,7 +33,7 @@ def overstepped(call: Call, result: Mapping[str, Any], objects: Mapping[str, Lab
         call: The call, which was not refused.
         result: Its result.
         objects: The objects by id, before the call.
-        is_ball: Tells whether an object is a ball.
+        is_ball: Function that returns whether an object is a ball.
     """
     named = named_by(call, objects)
     for item in named:

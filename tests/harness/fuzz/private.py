@@ -166,7 +166,7 @@ def _spellings(values: Iterable[float]) -> set[str]:
 
 
 def _quoted(call: Call) -> Iterator[str]:
-    """Return how a refusal or a result could quote strings of the call."""
+    """Return the spellings in which a refusal or a result could quote strings of the call."""
     texts = [call.tool, *call.arguments, *(value for value in call.arguments.values() if isinstance(value, str | int))]
     for text in map(str, texts):
         for length in (len(text), 64, 40):

@@ -2,7 +2,7 @@
 
 python -m tests.harness.load.attacks PORT KIND    attacks until its stdin ends, then prints what it sent
 
-Knows bytes and connections. Measures nothing.
+Sends bytes over connections. Measures nothing.
 """
 
 import asyncio
@@ -46,7 +46,7 @@ class Target:
     """Set when all preparations are done."""
 
     async def send(self, connection: Connection, content: bytes) -> bool:
-        """Send a request and read its response; returns whether it is a result."""
+        """Send a request and read the response; returns whether the response is a result."""
         self.sent += 1
         self.sent_bytes += len(content)
         reply = await connection.ask(content)
@@ -87,7 +87,7 @@ def repeated(make: Callable[[str], Iterable[bytes]], at_once: int = _AT_ONCE) ->
     """Create an attack that repeats requests.
 
     Args:
-        make: Returns the requests for the path of an episode.
+        make: Function that returns the requests for the path of an episode.
         at_once: Number of connections.
     """
 

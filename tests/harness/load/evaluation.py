@@ -60,7 +60,7 @@ class Evaluation:
         """Start or resume the run.
 
         Args:
-            prepare: Runs in the new process before the evaluator does.
+            prepare: Function that runs in the new process before the evaluator does.
         """
         words = ["--server", self.server, "--scenes", f"{SCENES[0]}-{SCENES[-1]}", "--seeds", f"0-{self.seeds - 1}"]
         words += ["--workers", str(self.workers), "--concurrency", "4", "--out", str(self.folder), "--resume"]

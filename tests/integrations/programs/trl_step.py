@@ -48,7 +48,7 @@ def tokenizer_of(text: str) -> Any:
 
 
 class ScriptedModel(Qwen3ForCausalLM):
-    """A model whose samples are written by a script; its probabilities and gradients are its own."""
+    """A model whose samples come from a script; probabilities and gradients come from its weights."""
 
     tokenizer: Any
     server: str

@@ -161,7 +161,7 @@ def test_a_body_whose_frame_depends_on_the_seed_is_not_drawn(session: Session) -
 
 
 def views_at_the_start(scene: int, *seeds: int) -> set[str]:
-    """The views of some seeds, as they are sent."""
+    """The views of a scene at some seeds, serialised as for a client."""
     sessions = [Session(load_scene(scene, seed)) for seed in seeds]
     found = visibility(sessions[0], *(session.scene.mjcf for session in sessions))
     views = {json.dumps(view_of(session, found)) for session in sessions}
