@@ -21,6 +21,14 @@ export interface Label {
   at: Vector3;
 }
 
+/** Where a label is: the middle of its lower edge, and its size [px]. */
+interface Box {
+  x: number;
+  y: number;
+  width: number;
+  height: number;
+}
+
 /** The layer over a picture; decoration, since the text alternative says the same. */
 export class Overlay {
   readonly element = document.createElement("div");
@@ -79,24 +87,22 @@ export class Overlay {
   }
 
   private placeLabels(camera: Camera, labels: Label[], width: number, height: number): void {
-    const placed: { x: number; y: number; width: number; height: number }[] = [];
+    const placed: Box[] = [];
+    // From bottom to top: a label that would cover another goes above it, away from its own object.
     const seen = labels
       .map(({ id, at }) => ({ tag: this.tags.get(id), at: at.clone().project(camera) }))
-      .sort((one, other) => other.at.y - one.at.y);
+      .sort((one, other) => one.at.y - other.at.y);
     for (const { tag, at } of seen) {
       if (!tag) continue;
       tag.hidden = at.z > 1 || Math.abs(at.x) > 1 || Math.abs(at.y) > 1;
       if (tag.hidden) continue;
-      const room = tag.offsetWidth + 4;
-      const x = Math.min(Math.max(((at.x + 1) / 2) * width, room / 2), width - room / 2);
-      let y = Math.max(((1 - at.y) / 2) * height, tag.offsetHeight);
-      // Labels come from top to bottom; one that would cover another goes below it.
-      for (const other of placed) {
-        const beside = Math.abs(other.x - x) >= (other.width + room) / 2;
-        if (!beside && other.y > y - tag.offsetHeight && y > other.y - other.height) y = other.y + tag.offsetHeight;
-      }
-      placed.push({ x, y, width: room, height: tag.offsetHeight });
-      tag.style.transform = `translate(${x}px, ${y}px) translate(-50%, -100%)`;
+      const box = { x: 0, y: 0, width: tag.offsetWidth + 4, height: tag.offsetHeight };
+      box.x = Math.min(Math.max(((at.x + 1) / 2) * width, box.width / 2), width - box.width / 2);
+      box.y = Math.max(((1 - at.y) / 2) * height, box.height);
+      const above = cleared(box, placed, (other) => other.y - other.height);
+      const free = above.y >= box.height ? above : cleared(box, [...placed].reverse(), (other) => other.y + box.height);
+      placed.push(free);
+      tag.style.transform = `translate(${free.x}px, ${free.y}px) translate(-50%, -100%)`;
     }
   }
 
@@ -106,6 +112,16 @@ export class Overlay {
     shown.sort((one, other) => one.at.z - other.at.z);
     this.axes.replaceChildren(...shown.flatMap(({ name, at }) => axisOf(name, at)));
   }
+}
+
+/** A label moved out of the way of others, one after the other; `y` gives its new lower edge. */
+function cleared(box: Box, others: Box[], y: (other: Box) => number): Box {
+  const moved = { ...box };
+  for (const other of others) {
+    const beside = Math.abs(other.x - moved.x) >= (other.width + moved.width) / 2;
+    if (!beside && other.y > moved.y - moved.height && moved.y > other.y - other.height) moved.y = y(other);
+  }
+  return moved;
 }
 
 function axisOf(name: string, at: Vector3): SVGElement[] {

@@ -1,6 +1,7 @@
 """Writes pictures into docs/pictures (a measured scene, a report, a film, the app), in light and in dark.
 
 python -m tests.harness.front_page.make [--run DIR]    with the report of a run; without it, the run is played first
+python -m tests.harness.front_page.make --only film    one of them
 
 It needs Chromium and libosmesa6. `pytest tests/harness/front_page --update-goldens` writes the text around them.
 """
@@ -43,19 +44,22 @@ def main() -> None:
     os.environ.setdefault("MUJOCO_GL", "osmesa")
     parser = argparse.ArgumentParser(description="Write the pictures of the README.")
     parser.add_argument("--run", type=Path, metavar="DIR", help="a run folder with a report; else it is played first")
+    parser.add_argument("--only", choices=("scene", "report", "film", "preview"), help="write one of the pictures")
     args = parser.parse_args()
     program = installed()
     if program is None:
         sys.exit("Chromium is not installed, so there are no pictures: apt-get install chromium")
     with tempfile.TemporaryDirectory() as made, chromium(program, Path(made, "profile"), *SOFTWARE_WEBGL) as page:
         folder = Path(made)
-        episode, grade = played(folder / "episode")
         PICTURES.mkdir(exist_ok=True)
-        _scene(page, episode, grade, folder / "scene.html")
-        report = args.run or _played_study(folder / "study")
-        _report(page, report / "report.html")
-        _film(page, folder / "film")
-        _preview(page)
+        draw = {
+            "scene": lambda: _scene(page, *played(folder / "episode"), folder / "scene.html"),
+            "report": lambda: _report(page, (args.run or _played_study(folder / "study")) / "report.html"),
+            "film": lambda: _film(page, folder / "film"),
+            "preview": lambda: _preview(page),
+        }
+        for name in [args.only] if args.only else draw:
+            draw[name]()
 
 
 def _played_study(folder: Path) -> Path:
@@ -80,9 +84,9 @@ def _report(page: Page, file: Path) -> None:
 
 
 def _film(page: Page, folder: Path) -> None:
-    """Film three boxes that one push has set in motion, and show the film in its report in the middle of the step."""
+    """Film two balls that roll down a slope, and show the film in its report in the middle of the step."""
     for words in (
-        ["run", "--agent", "reference", "--scenes", "13", "--out", folder],
+        ["run", "--agent", "reference", "--scenes", "8", "--out", folder],
         ["film", folder],
         ["report", folder],
     ):
@@ -93,7 +97,7 @@ def _film(page: Page, folder: Path) -> None:
         page.open(folder / "report.html", "#episode-1")
         page.run("document.querySelector('#episode-1 .film > button').click()")
         page.wait("document.querySelector('.film-box canvas') !== null")
-        page.run(f"{scrub}.value = 0.6 * {scrub}.max")
+        page.run(f"{scrub}.value = 0.5 * {scrub}.max")
         page.run(f"{scrub}.dispatchEvent(new Event('input'))")
         page.run("document.activeElement.blur()")
         page.run("document.querySelector('.film-panel').scrollIntoView({ block: 'center' })")
@@ -108,7 +112,7 @@ def _film(page: Page, folder: Path) -> None:
 
 
 def _preview(page: Page) -> None:
-    """Show the app of the chat in `physment-mcp preview`, after a step in which three boxes move."""
+    """Show the app of the chat in `physment-mcp preview`, after a step in which three carts move."""
     command = [sys.executable, "-m", "physment_mcp", "preview", "13", "--no-open"]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
         assert process.stdout is not None
