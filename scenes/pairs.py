@@ -1,4 +1,4 @@
-"""Fits the laws of two bodies on rails, which a gear couples and nets catch. Used by reference protocols.
+"""Fits the laws of two bodies on rails that a gear couples. Nets catch the bodies. Used by reference protocols.
 
 The coupling force depends on the slip s = n v1 - v2, and possibly on v2. Forces are divided by the mass of the first
 body, so that this mass is the only constant with the scale of the forces.

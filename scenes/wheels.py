@@ -1,6 +1,6 @@
 """Fits the resistance of wheels that are driven or braked by loads on pans. Used by reference protocols.
 
-A pan carries one ball at a time, whose weight drives or brakes a wheel through the apparatus. With each ball, the wheel
+A pan carries one ball at a time. The weight of the ball drives or brakes a wheel. With each ball, the wheel
 reaches a steady angular velocity, at which the torques balance. The torques are linear in the coefficients of the
 resistance, but not in the *edge*, the angular velocity at which a part of the resistance begins.
 """

@@ -177,7 +177,7 @@ def weighed(
     """Fit the members of a family of potentials to the points with the same errors.
 
     Args:
-        fits: The last fit of each structure, which is the initial value.
+        fits: The last fit of each structure, from which the new fit starts.
         white: Whitening matrix of the points.
         misfits: Function of all constants; returns the misfits of the points.
         predict: Function of all constants; returns the answer.

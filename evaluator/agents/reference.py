@@ -73,7 +73,7 @@ class ReferenceAgent:
     """Name in records and tables."""
 
     def player(self, key: EpisodeKey, briefing: Briefing) -> ProtocolPlayer:
-        """Start the reference protocol of the scene, which states its law if the scene asks for one.
+        """Start the reference protocol of the scene. Its answer contains a law if the scene asks for one.
 
         Raises:
             AgentError: The pack has no protocol.

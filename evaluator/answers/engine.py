@@ -46,7 +46,7 @@ class Engine(World):
     def changed(
         self, changes: Mapping[str, Scalar | tuple[Scalar, ...]] | None = None, without: Collection[str] = ()
     ) -> "Engine":
-        """Return the scene in its initial state with a modified apparatus, which may be one that no agent could build.
+        """Return the initial state of the scene with a changed apparatus, even one that no agent could build.
 
         Args:
             changes: Target as in `apply` of a pack, such as `joint[rail].frictionloss` → new value. A mass must name

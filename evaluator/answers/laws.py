@@ -132,7 +132,7 @@ def evaluations_of(true: TrueLaw, *, has_states: bool) -> int:
 
 
 def hash_of(written: object) -> str:
-    """Return a short hash of a law, which a stored grade records."""
+    """Return a short hash of a law, by which a stored grade identifies the law."""
     return hashlib.sha256(json.dumps(written).encode()).hexdigest()[:16]
 
 

@@ -141,7 +141,7 @@ def _within(vector: Sequence[float], limit: float | None) -> list[float]:
 
 
 async def _revealing_without(subject: Subject, tool: str, knob: str, sequences: Sequence[Sequence[Call]]) -> str | None:
-    """Return the first call that distinguishes twins, which differ in one knob, without using the tool.
+    """Return the first call that distinguishes two variants that differ in one knob, without using the tool.
 
     Returns:
         The call; "" if none does; None if the twins have the same key.

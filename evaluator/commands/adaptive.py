@@ -66,7 +66,7 @@ def of_known_difficulty(
     Args:
         packs: The requested packs.
         difficulties: File of the difficulties; None for the one that ships.
-        keys: Answer keys, which also tell whether a pack is withdrawn.
+        keys: Answer keys, with the information whether a pack is withdrawn.
 
     Raises:
         UsageError: No scene has a known difficulty, or the file cannot be read.

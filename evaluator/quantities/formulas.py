@@ -109,7 +109,7 @@ class Statement(NamedTuple):
         """Evaluate the arithmetic; None if it has no finite value.
 
         Args:
-            values: Position → value in the written unit, which replaces the number written there.
+            values: Position of a number → value in its unit, to use in place of the written number.
             in_si: Whether to convert units to coherent SI; otherwise units are ignored.
         """
         tokens = [token._replace(value=values.get(token.start, token.value)) for token in self.tokens]

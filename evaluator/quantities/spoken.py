@@ -95,9 +95,9 @@ class Spoken(NamedTuple):
 def spoken_numbers(text: str) -> Iterator[Spoken]:
     r"""Yield the numbers that a text states, in order.
 
-    Excluded are numbers inside words and ids, exponents, whole numbers that count or label something (`iteration 3`,
-    `object 2`, `3 steps`), list markers (`1.`), and the coefficients of formulas (`2/5 m r^2`, `\frac{1}{12}`,
-    `2\pi`). Each component of a vector is a separate number; a unit after the vector applies to all of them.
+    It excludes numbers inside words and ids, exponents, whole numbers that count or label something (`iteration 3`,
+    `object 2`, `3 steps`), list markers (`1.`), and the coefficients of formulas (`2/5 m r^2`, `\frac{1}{12}`, `2\pi`).
+    Each component of a vector is a separate number; a unit after the vector applies to all of them.
     """
     vectors = [found.span() for found in _VECTOR.finditer(text)]
     # The commas of a vector separate numbers, not thousands.

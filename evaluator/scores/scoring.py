@@ -93,7 +93,7 @@ def grade_run(
         keys: Answer keys of its scenes.
         withhold: Whether to omit answer keys and reasons from the grades, because the seeds of the run are held back.
         kept: Scenes whose stored grades are kept, because the packs here are not those of the run.
-        keep_laws: Whether to keep the stored grades of laws that have not changed, which take about a second each.
+        keep_laws: Whether to keep the stored grades of unchanged laws; computing one takes about a second.
             Only for a run whose grades this program has written.
         tracked: Function that yields the given episodes and shows the progress.
 
@@ -131,7 +131,7 @@ def graded_rows(
         keys: Answer keys of its scenes.
         withhold: Whether to omit answer keys and reasons from the grades.
         kept: Scenes whose stored grades are kept.
-        before: Earlier grades, of which those of unchanged laws are kept; None to grade all laws again.
+        before: Earlier grades; those of unchanged laws are kept. None to grade all laws again.
         tracked: Function that yields the given episodes and shows the progress.
 
     Raises:

@@ -57,7 +57,7 @@ class RunFolder:
 
     @property
     def running_file(self) -> Path:
-        """Path of the list of episodes that are being played, which exists only during the run."""
+        """Path of the file that lists the episodes being played. The file exists only during the run."""
         return self.path / "running.json"
 
     @property

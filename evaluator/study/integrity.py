@@ -20,7 +20,7 @@ class Sealing:
         """Begin the seal of a new run, or continue that of an interrupted one.
 
         Args:
-            folder: The run, whose damaged lines have been set aside.
+            folder: The run; its damaged lines have been moved to another file.
             trust: Whether to accept records that do not match their seal.
             damage: A sentence for each line that was set aside. If there are any, the seal cannot be verified.
 

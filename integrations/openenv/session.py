@@ -38,7 +38,7 @@ class PhysmentSession(ResourceSession):
         """Make a call. An accepted answer ends the rollout.
 
         Raises:
-            LaboratoryError: The host failed, which says nothing about the agent.
+            LaboratoryError: The host failed; the agent is not at fault.
         """
         called = self._laboratory.call(name, arguments)
         ended = name == ANSWER and not called.is_error
@@ -84,8 +84,8 @@ class PhysmentSessionFactory(ResourceSessionFactory[PhysmentSession]):
         """Open the variant that a task names, or else the one that a seed selects; equal seeds select the same variant.
 
         Args:
-            task: `{"scene": 7, "seed": 3}`, for example. Anything but a mapping names no variant, such as the prompt
-                of a row, which is not played.
+            task: `{"scene": 7, "seed": 3}`, for example. A value that is no mapping, such as the prompt of a row, is
+                ignored.
             seed: Seed of the random selection; TRL passes the number of the group.
             episode_id: Not used; the referee assigns the id.
 

@@ -28,7 +28,7 @@ _TAIL = 2000
 
 
 class LaboratoryState(vf.State):
-    """Data of a rollout's episode for the harness, such as address and tokens, which the model does not see."""
+    """Data of a rollout's episode, such as address and tokens. Only the harness uses them, not the model."""
 
     episode_id: str = ""
     owner_token: str = ""
@@ -140,7 +140,7 @@ async def _call(http: aiohttp.ClientSession, state: LaboratoryState, function: d
     """Make a tool call; returns the text of its result for the model.
 
     Raises:
-        LaboratoryError: The host failed, which says nothing about the model.
+        LaboratoryError: The host failed; the model is not at fault.
     """
     name = function["name"]
     try:

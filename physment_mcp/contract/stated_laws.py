@@ -4,7 +4,7 @@
      "let": {"m": 1.2, "c": "0.4*exp(-way/3)"},
      "state": {"way": {"start": 0, "rate": "hypot(object_1_vx, object_1_vy)"}}}
 
-The laboratory and the graders read a law with this module. It depends on the text alone and on the names of the
+The laboratory and the graders read a law with this module. The checks depend only on the text and on the names of the
 visible objects, so neither a refusal nor its duration reveals anything about the law of the laboratory.
 """
 

@@ -66,8 +66,8 @@ def serve(host: EpisodeServer, address: str, port: int) -> None:
 def _run(server: uvicorn.Server, sockets: list[socket.socket]) -> None:
     """Serve until interrupted, with the garbage collector set for short pauses.
 
-    A collection stops all episodes. `gc.freeze` excludes the objects of the imported modules, which would take 30 to 70
-    ms.
+    A collection stops all episodes. `gc.freeze` excludes the objects of the imported modules, because scanning them
+    would take 30 to 70 ms.
     """
     gc.collect()
     gc.freeze()

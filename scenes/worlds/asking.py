@@ -41,7 +41,7 @@ def drawn(
 
     Args:
         structure: The terms of the law.
-        constants: Their constants, which ensure that the target of a `push` question is reachable.
+        constants: Their constants, from which the target of a `push` question is computed.
         told: Apparatus, limits and instruments of the laboratory.
         difficulty: The difficulty, which names the kinds of questions.
         rng: The random stream.

@@ -151,7 +151,7 @@ def simulated(
         structure: The terms of the law.
         constants: Their constants.
         told: Limits and instruments.
-        noise_seed: Seed of the noise of readings, which are then also rounded; None for exact readings.
+        noise_seed: Seed of the instrument noise; readings are then rounded, too. None for exact readings.
         longest_s: Longest step of the integration [s].
     """
     rng = None if noise_seed is None else np.random.default_rng(noise_seed)

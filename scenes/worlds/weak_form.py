@@ -111,7 +111,7 @@ class Legs:
         return np.stack([place, speed], axis=3).reshape(-1, self.path.shape[1]).T
 
     def _sampled(self, shares: Array) -> SampledPath:
-        """Return the path at fractions of each leg, of which the first is 0."""
+        """Return the path at fractions of each leg. The first fraction must be 0."""
         inner = (self.begun[:, None] + shares * self.course.durations[:, None]).ravel()
         return SampledPath(
             len(shares),

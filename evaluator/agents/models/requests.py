@@ -240,7 +240,7 @@ class Requests:
 
 
 def _is_rejected(error: Exception) -> bool:
-    """Whether a provider rejected a request as malformed, which the model's earlier replies can cause."""
+    """Whether a provider rejected a request as malformed. Earlier replies of the model can cause this."""
     return isinstance(error, ModelHTTPError) and error.status_code in {400, 422}
 
 

@@ -207,7 +207,7 @@ def has_answered(episode: Episode) -> bool:
 
 
 def read_before_answer(episode: Episode) -> list[Place]:
-    """Return the readings that the agent had seen when it wrote its answer, which are those of earlier turns."""
+    """Return the readings that the agent had seen when it wrote its answer: those of the turns before."""
     return [place for place in exchanges(episode) if place.turn < len(episode.turns) - 1 and is_reading(place)]
 
 

@@ -83,7 +83,7 @@ class PhysmentEnvironment(Environment[PhysmentAction, PhysmentObservation, Physm
 
         Raises:
             RefereeError: No episode is open, it has ended, or the referee refused.
-            LaboratoryError: The host failed, which says nothing about the agent.
+            LaboratoryError: The host failed; the agent is not at fault.
         """
         del timeout_s
         if self._laboratory is None or self._opened is None:

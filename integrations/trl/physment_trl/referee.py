@@ -1,4 +1,4 @@
-"""Episodes on a host, which a referee opens and grades. A call is one POST."""
+"""Episodes that a referee opens on a host and grades. A call is one POST."""
 
 import contextlib
 from typing import Any

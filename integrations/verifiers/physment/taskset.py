@@ -1,4 +1,4 @@
-"""Episodes of the laboratory as tasks, which a referee opens and grades."""
+"""Tasks for verifiers: episodes of the laboratory that a referee opens and grades."""
 
 import asyncio
 import os

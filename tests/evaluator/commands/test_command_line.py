@@ -289,9 +289,7 @@ def _start_and_stop(
 
 
 def _processes_of_session(folder: Path) -> list[str]:
-    """Return the commands of all processes whose working folder is this one, which are processes that a run left
-    behind.
-    """
+    """Return the commands of the processes that a run left behind: those with this working folder."""
     found: list[str] = []
     for process in Path("/proc").glob("[0-9]*"):
         with contextlib.suppress(OSError):

@@ -1,4 +1,4 @@
-"""Tests of plans in texts, whose numbers are not assertions."""
+"""Tests that numbers in plans of a text do not count as assertions."""
 
 import pytest
 

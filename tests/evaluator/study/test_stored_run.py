@@ -1,7 +1,7 @@
 """Tests that a run folder from before content hashes loads, grades, replays and resumes as before.
 
-That version of the code played, graded and summarised `stored_run`, which is never regenerated. The folder names packs
-by hashes of their bytes. `stored_packs` contains these packs, so that the suite may replace them.
+A version of the code from that time played, graded and summarised `stored_run`, which is never regenerated. The folder
+names packs by hashes of their bytes. `stored_packs` contains these packs, so that the suite may replace them.
 """
 
 import json

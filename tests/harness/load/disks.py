@@ -1,4 +1,4 @@
-"""Mounts a small file system on a folder, which can be filled or made read-only. Linux; needs permission to mount."""
+"""Mounts a small file system on a folder, to fill it or make it read-only. Linux; needs permission to mount."""
 
 import contextlib
 import functools

@@ -1,4 +1,4 @@
-"""A minimal HTTP/1.1 and MCP client, which takes less processor time of the measuring process than a library does.
+"""A minimal HTTP/1.1 and MCP client. It takes less processor time of the measuring process than a library.
 
 Implements the messages of the stateless protocol, and faulty uses of a connection.
 """

@@ -2,7 +2,7 @@
 
 trl_agent.py BACKEND MODEL BUDGET VARIANT...    prints a line of JSON for each episode; a variant is JSON, too
 
-It calls the methods as the trainer does, which does no more for an episode than this and the model's work.
+It calls the methods of the environment as the trainer does.
 """
 
 import json

@@ -1,4 +1,4 @@
-"""Tests of the printed client configuration: valid JSON in the client's format, which starts the laboratory."""
+"""Tests that the printed configuration is valid JSON in the client's format and starts the laboratory."""
 
 import json
 import subprocess

@@ -180,7 +180,7 @@ def test_what_the_seed_changes_is_not_shown(pack: dict[str, Any], xml: str, writ
 
 
 def nudged(session: Session, shift: float) -> None:
-    """Move every joint by a small amount without a call, which gives another state at the same time."""
+    """Move every joint by a small amount without a call, to get another state at the same simulated time."""
     saved = session.world.save()
     state = saved.state.copy()
     state[1 : 1 + saved.model.nq] += shift * np.random.default_rng(0).uniform(-1, 1, saved.model.nq)

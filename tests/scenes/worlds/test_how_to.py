@@ -1,4 +1,4 @@
-"""Tests of the how-to page on terms: its program adds a form, which acts as the page says."""
+"""Tests of the how-to page on terms: its program adds a form, and the form acts as the page says."""
 
 import re
 import subprocess

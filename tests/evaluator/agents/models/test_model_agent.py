@@ -79,7 +79,7 @@ async def test_tool_schemas_are_sent_as_the_server_published_them(openai: Servic
 
 
 def untitled(value: Any) -> Any:
-    """Return a schema without titles, which repeat the names and which clients omit."""
+    """Return a schema without titles, because they only repeat the names and clients omit them."""
     if isinstance(value, dict):
         return {name: untitled(part) for name, part in value.items() if not (name == "title" and isinstance(part, str))}
     return [untitled(part) for part in value] if isinstance(value, list) else value
