@@ -114,7 +114,7 @@ def manifest(last_seed: int) -> dict[str, Any]:
 
 
 def _code() -> Iterator[tuple[str, bytes]]:
-    """Return the files of this package and the modules of `scenes` that it needs, by name in the bundle; no packs."""
+    """Return the files of this package and those modules of `scenes` that it needs, by name in the bundle."""
     root = Path(__file__).parent
     for path in root.rglob("*"):
         if path.is_file() and path.parent.name != "__pycache__":

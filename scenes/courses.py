@@ -113,7 +113,7 @@ class Laws:
     def _by_course(
         self, course: Course, structure: str, found: Sequence[Array], search: int
     ) -> tuple[float, dict[str, float]]:
-        """Return chi-square and constants of the best fit of the whole course that starts from fits leg by leg."""
+        """Fit all legs in sequence, starting from fits leg by leg; returns chi-square and constants of the best fit."""
 
         def whole(units: Array) -> Array:
             return self.misfits(course, structure, units, by_legs=False)
@@ -167,7 +167,7 @@ class Laws:
         return fits
 
     def _searched(self, course: Course, search: int) -> dict[str, tuple[float, dict[str, float]]]:
-        """Return chi-square and constants of every structure after one search; infinity for hopeless ones."""
+        """Search once for each structure; returns chi-square (infinite beyond `hopeless`) and constants."""
         found = {structure: self._by_legs(course, structure, search) for structure in self.structures}
         costs = {
             structure: chi_square(lambda units, by=structure: self.misfits(course, by, units, by_legs=True), units[0])

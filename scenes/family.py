@@ -1,6 +1,6 @@
 """Compares the members of a family of laws on the same readings, for certificate 12 and for reference protocols.
 
-A task states the possible laws. A solution fits each of them to the calls and readings and returns a `Member` for each,
+A task lists the possible laws. A solution fits each of them to the calls and readings and returns a `Member` for each,
 with its chi-square, its answer, and the uncertainty of this answer. `surviving` returns the members that the readings
 do not exclude.
 """
@@ -76,12 +76,12 @@ def plausible_constants(
         best: The best-fit constants.
         ranges: Smallest and largest value of each constant.
         sizes: Standard deviation of each constant if no reading depends on it.
-        number: Number of plausible constants.
-        trials: Number of samples to try for each of them.
+        number: Number of sets of constants to return.
+        trials: Number of samples to try for each set.
 
     Returns:
-        Shape (number, constants). If fewer samples are accepted, the likeliest rejected ones are added; those outside
-        the ranges are moved to their edges.
+        The sets of constants; shape (number, constants). If fewer samples are accepted, the likeliest rejected ones are
+        added; those outside the ranges are moved to their edges.
     """
     low, high = ranges
     found, steps = misfits(best), _STEP * sizes
@@ -143,9 +143,9 @@ def members(
     """Fit every structure of laws of motion to a time series of pushes and readings.
 
     Args:
-        laws: The family.
+        laws: The candidate laws.
         course: Pushes and readings.
-        predict: The answer from a structure and its constants.
+        predict: Function of a structure and its constants; returns the answer.
     """
     fits = laws.fits(course)
     return {structure: _fitted(laws, course, structure, fits[structure][1], predict) for structure in laws.structures}

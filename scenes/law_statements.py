@@ -139,7 +139,7 @@ class _Statement:
 
 
 def statement_of(mjcf: str) -> dict[str, Any]:
-    """Return the law of a model as an agent would state it, without the laws that catch objects at a rim.
+    """Return the law of a model as an agent would write it, without the laws that catch objects at a rim.
 
     Args:
         mjcf: The model's XML text, with sampled values and laws.

@@ -190,7 +190,7 @@ class Lever:
     body: str = "object_1"
 
     def ball(self, number: int, kg: float, radius: float | None = None) -> list[Call]:
-        """Return calls that attach ball `number` next to the axle, at its height."""
+        """Return calls that attach ball `number` next to the axle, at the height of the axle."""
         side = 1 if number % 2 else -1
         place = [self.arm_m, side * (0.1 + self.apart_m * (number // 2)), self.height_m]
         return joined(ball(f"{self.name}{number}", kg, place, radius or self.radius), self.body)
@@ -206,7 +206,7 @@ class Lever:
     def turned(self) -> Generator[list[Call], list[Reading], tuple[list[tuple[Call, Reading]], int]]:
         """Attach balls until the angle is large enough, each as heavy as possible without triggering the brake.
 
-        The mass of the next ball follows from the angular velocity after the last one; it grows at most eightfold.
+        The mass of each ball is computed from the angular velocity after the previous ball; it grows at most eightfold.
 
         Returns:
             The exchanges and the number of balls.

@@ -95,7 +95,7 @@ def changed_mjcf(mjcf: str, changes: Mapping[str, Scalar | tuple[Scalar, ...]], 
 
     Args:
         mjcf: The model's XML text.
-        changes: Target as in `apply`, such as `joint[rail].frictionloss` → its new value, or several.
+        changes: Target as in `apply`, such as `joint[rail].frictionloss` → its new value or list of values.
         without: Elements to remove, such as `joint[stop]`.
 
     Raises:

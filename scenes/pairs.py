@@ -223,7 +223,7 @@ def kept_speed(engine: Any, held: int, speeds: Sequence[float], seconds: float) 
     """Measure, in the engine, the steady state of a pair while one body is kept at a speed by a huge mass.
 
     Args:
-        engine: The engine at the drawn values.
+        engine: The engine, with the hidden values of a seed.
         held: Index of the body that is kept at its speed.
         speeds: Initial speeds of both bodies [m/s].
         seconds: Time after which the force is computed from the loss of speed during one more second.
@@ -246,8 +246,8 @@ def left_over(engine: Any, held: int, speeds: Sequence[float], push: float, off:
     """Return the relative error of the speeds that remains after a disturbance, at constant force.
 
     Args:
-        engine: The engine at the drawn values.
-        held: Index of the body that the question keeps at a speed.
+        engine: The engine, with the hidden values of a seed.
+        held: Index of the body that moves at a fixed speed in the question.
         speeds: Steady speeds of both bodies [m/s].
         push: Force that keeps the speed [N].
         off: Relative disturbance of the speeds.

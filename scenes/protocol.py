@@ -52,7 +52,7 @@ Exchanges = Sequence[tuple[Call, Reading]]
 
 @dataclass(frozen=True, slots=True)
 class Member:
-    """The best fit of one member of the family of laws that a task states; `scenes.family` computes it."""
+    """The best fit of one of the laws that a task lists, computed by `scenes.family`."""
 
     chi_square: float
     """Sum of the squared misfits, each divided by the standard deviation of reading and computed value together."""
@@ -129,7 +129,7 @@ def load_solution(files: PackFiles) -> Solution:
 
 
 def imported(path: Path, name: str) -> ModuleType:
-    """Import a file of a pack, which runs its code.
+    """Import a file of a pack. This runs the code of the file.
 
     Args:
         path: The file.

@@ -52,7 +52,8 @@ class Pump:
 
         Args:
             first: Calls that set the body in motion.
-            plausible: Exchanges → constants that they allow, the best-fit ones in column 0.
+            plausible: Function of the exchanges; returns sets of constants that the readings allow, the best-fit set in
+                column 0.
 
         Returns:
             The exchanges.
@@ -72,7 +73,7 @@ class Pump:
         """Return the calls of half swings, each planned from the end of the previous one.
 
         Args:
-            plausible: Constants of the potential, the best-fit ones in column 0; shape (constants, members).
+            plausible: Sets of constants of the potential, the best-fit set in column 0; shape (constants, sets).
             place: Position of the body [m, rad].
             speed: Its speed [m/s, rad/s].
             number: Number of half swings.
@@ -92,7 +93,7 @@ class Pump:
         return calls
 
     def _planned(self, plausible: Array, places: Array, speed: float, side: float) -> tuple[float, Array]:
-        """Return the strongest push with which all members stay within the reach, and their turning points."""
+        """Return the strongest push that keeps the body within reach for all constants, and the turning points."""
         far = side * _BEYOND * self.reach
         ways = (far - places)[:, None] * np.linspace(0.0, 1.0, _PLACES)
         rises = self.potential(plausible[:, :, None], places[:, None] + ways)
@@ -127,8 +128,8 @@ def turning_ways(left: Array, ways: Array) -> Array:
     """Return for each path the distance at which the kinetic energy falls to 0; the last distance if it never does.
 
     Args:
-        left: Kinetic energy along each path; shape (members, places).
-        ways: The distances, from 0 on; of the same shape.
+        left: Kinetic energy along each path; shape (paths, places).
+        ways: Distances along each path, from 0 on; the same shape.
     """
     after = np.argmax(left < 0, axis=1)
     rows = np.arange(len(left))

@@ -86,7 +86,7 @@ def law_with(files: PackFiles, pack: Pack, structure: str, constants: Mapping[st
         constants: Values of knobs and derived quantities.
 
     Raises:
-        PackError: An expression of the pack is invalid, or its laws cannot be stated.
+        PackError: An expression of the pack is invalid, or its laws cannot be written as text.
     """
     given = {name: float(f"{value:.7g}") for name, value in constants.items()}
     values: dict[str, KnobValue] = {name: knob.canonical for name, knob in pack.knobs.items()} | {KIND: structure}

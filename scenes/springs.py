@@ -74,7 +74,7 @@ def best_edge(at: Callable[[float], tuple[Array, Array]], edges: Iterable[float]
     """Return the edge with the smallest misfits: the best candidate, refined within bounds.
 
     Args:
-        at: Misfits and coefficients at an edge.
+        at: Function of an edge; returns misfits and coefficients.
         edges: Candidate edges.
         bounds: Smallest and largest edge.
     """
@@ -91,7 +91,7 @@ def resisted(columns: Callable[[float], Sequence[Array]], spin: Array, torque: A
     """Fit a resistance up to 10 rad/s, part of which sets in at an edge; returns chi-square, coefficients and edge.
 
     Args:
-        columns: Basis functions of the torque, for an edge [rad/s].
+        columns: Function of an edge [rad/s]; returns the basis functions of the torque at the angular velocities.
         spin: Steady angular velocities that were read [rad/s].
         torque: Torques at these angular velocities [N·m].
     """
@@ -212,7 +212,7 @@ def members(
 
     Args:
         springs: Elongations and forces of each spring.
-        predict: The answer from the law of each.
+        predict: Function of the laws of all springs; returns the answer.
         sigma: Standard deviation of an elongation [m].
     """
     fits = [[(fit := _Fit(kind, points, sigma), fit.best()) for kind in KINDS] for points in springs]

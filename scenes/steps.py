@@ -108,10 +108,10 @@ class PushSteps:
 def fitted_strengths(
     columns: Callable[[Array], Array], places: Array, forces: Array, sigma: float, rounds: int
 ) -> tuple[float, Array]:
-    """Fit strengths of restoring forces to positions with errors and exact forces; returns chi-square and strengths.
+    """Fit the strengths of restoring forces to exact forces and inexact positions; returns chi-square and strengths.
 
     Args:
-        columns: Forces of unit strength at positions; shape (n,) to (n, strengths).
+        columns: Function of positions (n,); returns restoring forces of unit strength, shape (n, strengths).
         places: Positions of the body at rest [m].
         forces: Forces applied there [N].
         sigma: Standard deviation of a position [m].
@@ -149,7 +149,7 @@ def fitted_from(
     """Run least squares from several starting points, the best one to convergence; returns chi-square and constants.
 
     Args:
-        misfits: Misfits in standard deviations, from the constants.
+        misfits: Function of the constants; returns the misfits in standard deviations.
         starts: Starting points.
         bounds: Smallest and largest values of the constants.
         sizes: Typical sizes of the constants.
@@ -197,9 +197,9 @@ class LateParts:
             seen: Exchanges so far; those of the rounds are appended.
             rounds: Weight of late supports, from 0 to 1, and target, for each round.
             first: Constants of the permanent support.
-            calls: Calls for a target, from the structure, the known constants, the weight and the target; the structure
-                is empty in the first round.
-            fit: The best-fit structure, its constants, and the points, from all exchanges.
+            calls: Function of the structure (empty in the first round), the known constants, the weight and the target;
+                returns the calls.
+            fit: Function of all exchanges; returns the best-fit structure, its constants, and the points.
 
         Returns:
             The final best-fit structure and its constants.

@@ -98,10 +98,10 @@ def resisted_member(
     """Fit a law of resistance with nonnegative coefficients; returns it as a member of the family of possible laws.
 
     Args:
-        columns: Basis functions of the torque, for an edge [rad/s].
+        columns: Function of an edge [rad/s]; returns the basis functions of the torque at the angular velocities.
         spin: Steady angular velocities that were read [rad/s].
         torque: Torques at these angular velocities [N·m].
-        predict: The answer from the coefficients and the edge.
+        predict: Function of the coefficients and the edge; returns the answer.
         edges: Smallest and largest edge.
     """
     error = spin_errors(spin, torque)

@@ -95,7 +95,7 @@ def guesses(guess: Array, free: Sequence[int], begins: Sequence[int], places: Se
 
     Args:
         guess: Typical values of all constants; those that are not free become 0.
-        free: Indices of the free ones.
+        free: Indices of the free constants.
         begins: Indices of the constants where a spring engages.
         places: The positions.
     """
@@ -174,7 +174,7 @@ def weighed(
     predict: Callable[[Array], AnswerValue],
     highest: Array,
 ) -> dict[str, Member]:
-    """Fit the members of a family of potentials to the points with the same errors.
+    """Fit all members of a family of potentials to the points, with the same errors of the points for each.
 
     Args:
         fits: The last fit of each structure, from which the new fit starts.

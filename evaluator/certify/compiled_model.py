@@ -119,7 +119,8 @@ def overridden(mjcf: str, *, balls_may_come: bool) -> Iterator[str]:
         mjcf: The model.
         balls_may_come: Whether created balls, with friction 1, can touch every geom.
 
-    Source: MuJoCo's contact parameters: higher priority decides; otherwise the greater friction, and a mix of solref.
+    Source: MuJoCo's contact parameters. The geom of higher priority determines them; without one, the greater friction
+        and a weighted mean of both `solref` apply.
     """
     root = ET.fromstring(mjcf)  # noqa: S314 - the user's pack
     written = {geom.get("name", f"geom {number}"): geom for number, geom in enumerate(root.iter("geom"), 1)}

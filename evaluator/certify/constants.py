@@ -50,7 +50,7 @@ class Constants:
 
         Args:
             shifts: Continuous constant → share of its range by which it is shifted.
-            discrete: Discrete constant → other value.
+            discrete: Discrete constant → value to use in place of the sampled one.
         """
         values = {**self.knobs, **(discrete or {})}
         for name, by in (shifts or {}).items():

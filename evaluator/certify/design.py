@@ -290,7 +290,7 @@ class _DesignAgent:
         design = Design(subject, self._pick(key), briefing.budget)
 
         def play(prompt: str) -> Protocol:
-            """Choose experiments for the family of the scene, fit its constants to the readings, and answer."""
+            """Play the episode: choose experiments, fit the constants of the scene to the readings, and answer."""
             return _played(design, prompt)
 
         return ProtocolPlayer(play, briefing.prompt)

@@ -29,7 +29,7 @@ def models_of(files: PackFiles, pack: Pack) -> list[str]:
     """The models of a pack at the seeds that are compared.
 
     Raises:
-        PackError: A model cannot be drawn.
+        PackError: The values of a model cannot be sampled.
     """
     return [drawn_mjcf(files, pack, draw_knobs(files, pack, seed), canonical=seed == 0) for seed in range(SEEDS)]
 
@@ -38,7 +38,7 @@ def model_faults(files: PackFiles, pack: Pack) -> Iterator[str]:
     """Yield a sentence if the number of parts or laws depends on the seed, or a disabled law has a non-finite value.
 
     Raises:
-        PackError: A model cannot be drawn.
+        PackError: The values of a model cannot be sampled.
     """
     models = models_of(files, pack)
     yield from unequal_laws(models)
@@ -80,7 +80,7 @@ def _unequal(kind: str, numbers: Sequence[int]) -> Iterator[str]:
 def absent_laws_without_value(
     models: Sequence[str], bodies: Sequence[str], force: float, torque: float
 ) -> Iterator[str]:
-    """Yield a sentence for the first seed at which a law that the draw disabled makes a step fail.
+    """Yield a sentence for the first seed at which a disabled law makes a step fail.
 
     Such a law has the factor 0, but a non-finite value still fails the step. The test pushes all bodies back and forth.
 

@@ -46,7 +46,8 @@ def check_holds(subject: Subject, seeds: int, effort: float = 1.0) -> Check:
         subject: The scene.
         seeds: Number of seeds, from 0 on. Two more of the first hundred seeds, with the strongest and the weakest
             response to loads, are tested for longer.
-        effort: Number of checked time steps, relative to the default, which takes about 20 s of processor time.
+        effort: Number of checked time steps, as a multiple of the default. The default takes about 20 s of processor
+            time.
     """
     pack = subject.pack
     reasons = [f"{tool} is enabled: no limit bounds what it does" for tool in unbounded_tools(pack)]

@@ -70,7 +70,7 @@ def check_key(subject: Subject, episodes: Sequence[Episode]) -> Check:
 
 
 def _wrong_steps(subject: Subject, episode: Episode, draw: Draw) -> list[str]:
-    """The intermediate quantities of the scene that the reference states incorrectly or not at all."""
+    """The intermediate quantities of the scene that the answer of the reference lacks or gives wrongly."""
     values = step_values(subject.files, subject.pack, draw.knobs)
     graded = grade_steps(episode, values) or {}
     return [
@@ -142,7 +142,7 @@ def check_instrument(subject: Subject, episodes: Sequence[Episode]) -> Check:
 
 
 def unstated(pack: Pack) -> Iterator[str]:
-    """Yield a sentence for each limit and each resolution that a scene with predictions must state."""
+    """Yield a sentence for each limit and each resolution that a scene with predictions must set and does not."""
     limits, instruments = pack.limits, pack.instruments
     for name in ("calls", "lab_time"):
         if getattr(limits, name, None) is None:

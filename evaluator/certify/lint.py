@@ -265,7 +265,7 @@ def _variants(files: PackFiles, pack: Pack, _mjcf: str) -> Iterator[str]:
 
 
 def _law(_files: PackFiles, pack: Pack, mjcf: str) -> Iterator[str]:
-    """Report an open world in which agents may state a law that no grader can compare."""
+    """Report an open world that asks for a law although no grader can compare it."""
     if pack.law_answer:
         try:
             law_model(mjcf)

@@ -64,11 +64,11 @@ class Subject:
         return self._draw(seed, "", 0)
 
     def twin(self, knob: str, seed: int) -> Draw:
-        """Return the scene at seed 0 with only one knob redrawn.
+        """Return the scene at seed 0 with the value of only one knob sampled again.
 
         Args:
             knob: Name of the knob.
-            seed: Seed from which the knob is redrawn.
+            seed: Seed from which the new value is sampled.
         """
         return self._draw(0, knob, seed)
 

@@ -1,4 +1,4 @@
-"""In-process episodes that send views to their client: of the visible bodies, or of all bodies for scene authors."""
+"""In-process episodes that send views to their client, of the visible bodies or, for scene authors, of all bodies."""
 
 import contextlib
 import functools

@@ -2,7 +2,7 @@
 
 A sampled world is accepted if every part of its law affects an answer, a fit to its readings can converge, the readings
 determine its answers, and no answer can be found without experiments. Constants of a part without effect are sampled
-again; if that does not help, the whole world is.
+again; if that does not help, a new world is sampled.
 """
 
 import random

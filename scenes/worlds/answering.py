@@ -192,7 +192,7 @@ def _ended(
         asked: The questions.
         push: Constant forces; shape (controls, situations).
         longest_s: Longest step of the integration [s].
-        switched: Whether constants state which parts act.
+        switched: Whether additional constants switch the parts on and off.
     """
     width, columns = 2 if structure.apparatus.flat else 1, push.shape[1]
     trials = columns // len(asked)

@@ -133,7 +133,7 @@ def nearby(
 ) -> dict[str, Array]:
     """Return the answers in the nearest allowed situation, as measured and scaled proportionally.
 
-    NaN for a `which` question, which no single situation answers.
+    NaN for a `which` question, because no single situation answers it.
     """
     nearest: list[float] = []
     scaled: list[float] = []

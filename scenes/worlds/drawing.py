@@ -30,9 +30,9 @@ def draw_structure(difficulty: Difficulty, rng: random.Random, split: str | None
     """A random structure of a difficulty.
 
     Args:
-        difficulty: Numbers of terms, modulations and hidden bodies.
+        difficulty: The difficulty, with the numbers of terms, modulations and hidden bodies.
         rng: The random stream.
-        split: Split in which its combination of forms must be; None for any.
+        split: Split to which the combination of forms must belong; None for any.
 
     Raises:
         WorldError: No structure has these attributes.

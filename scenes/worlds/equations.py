@@ -39,7 +39,7 @@ def rates_of(
         walled: Whether the soft wall acts.
         held: Whether visible bodies are fixed while hidden bodies move.
         single: Whether states are lists of floats, for `followed`, instead of arrays.
-        switched: Whether each part has an additional constant (see `switch_of`) that states whether the part acts.
+        switched: Whether each part has an additional constant (see `switch_of`) that switches it on and off.
     """
     writer = _Writer(structure, switched=switched)
     if not held:  # a body that is held has no acceleration
@@ -55,7 +55,7 @@ def rates_of(
 def hidden_rates_of(structure: Structure) -> Rates:
     """Compile the accelerations of the hidden bodies to a function that returns a list of arrays.
 
-    Its state may be a list of arrays.
+    The function accepts a list of arrays as the state.
     """
     writer = _Writer(structure)
     writer.unseen()

@@ -33,7 +33,7 @@ class SampledPath:
 
 
 def hidden_states(alone: Structure, constants: Mapping[str, Any], trials: int, sampled: SampledPath) -> Array:
-    """Return the state of a hidden body that a path drives, at each point of it; shape (states, points, trials).
+    """Return the state of a hidden body at each point of the path that drives it; shape (states, points, trials).
 
     Args:
         alone: A structure with one term, which has a hidden body.

@@ -42,7 +42,7 @@ class Difficulty:
     """
 
     def changed(self, **attributes: Any) -> "Difficulty":
-        """Return a difficulty with other attributes.
+        """Return a copy of the difficulty with some attributes changed.
 
         Raises:
             WorldError: There is no such attribute, or its value is out of range.

@@ -113,7 +113,7 @@ def mjcf_of(record: WorldRecord, *, walled: bool = True, padded: bool = True, st
 
 
 def law_of(structure: Structure, constants: Mapping[str, float]) -> dict[str, Any]:
-    """Return the law of a structure with given constants as an agent would state it, without the wall."""
+    """Return the law of a structure with given constants as an agent would write it, without the wall."""
     return statement_of(_model(structure, constants, NO_PADDING, "", walled=False, start=None))
 
 

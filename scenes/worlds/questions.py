@@ -55,7 +55,7 @@ def option_of(structure: Structure, question: Question) -> float:
 def value_of(question: Question, seen: Array, width: int) -> Array:
     """Return the requested number from the final positions and velocities of each body.
 
-    For a `push` question it is the distance beyond the requested one, along the direction of the push.
+    For a `push` question, the number is the distance beyond the requested one, along the direction of the push.
     """
     at = 2 * width * (question.body - 1)
     place, speed = seen[at : at + width], seen[at + width : at + 2 * width]

@@ -153,7 +153,7 @@ def read_records(folder: Path, level: int) -> Iterator[WorldRecord]:
 
 
 def read_record(folder: Path, level: int, index: int) -> WorldRecord | None:
-    """Return one record of a level; None if there is none. Skips the parsing of other lines, which saves time.
+    """Return one record of a level; None if there is none. Other lines are not parsed, to save time.
 
     Raises:
         WorldError: As for `read_records`.

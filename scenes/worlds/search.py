@@ -188,7 +188,7 @@ class Search:
         return Fit(structure, unit, float(own @ own), score_of(structure, own, slope), own, slope)
 
     def _about(self, legs: Legs, structure: Structure, unit: Array) -> None:
-        """Linearise around a path, with the transitions of a law."""
+        """Linearise the legs around a path; a law gives the change of each leg's end with its start."""
         apparatus = legs.told.apparatus
         self.legs, self._whitened = legs, legs.about(structure, unit)
         self._candidates = Candidates(

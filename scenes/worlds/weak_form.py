@@ -177,7 +177,7 @@ class Legs:
         return end[: structure.read].transpose(1, 0, 2)
 
     def about(self, structure: Structure, unit: Array) -> "Whitened":
-        """Return the legs with the transitions of a law."""
+        """Return the legs, whitened with the derivatives of their ends by a law."""
         size = structure.read
         constants = named(structure, np.repeat(unit[:, None], size + 1, axis=1))
         shift = _SHIFT * np.column_stack([np.zeros(size), np.eye(size)])
@@ -208,7 +208,7 @@ class Legs:
 
 @dataclass(frozen=True)
 class Whitened:
-    """Legs whose misfits are whitened with the transitions of an approximate law.
+    """Legs whose misfits are whitened. An approximate law gives the change of each leg's end with its start.
 
     Attributes:
         legs: The legs.

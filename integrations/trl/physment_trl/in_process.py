@@ -24,7 +24,7 @@ class InProcessPhysMent(LaboratoryEnvironment):
         """Create the environment without an episode.
 
         Args:
-            worth: What an answer earns.
+            worth: Rule for the value of an answer, such as `strict` or `graded`.
             scenes_dir: Folder of scene packs; the suite by default.
             law: As for `LaboratoryEnvironment`.
         """
@@ -65,7 +65,7 @@ class LocalEpisode:
             scene: Id of the scene.
             seed: Variant of the scene.
             wanted: The row, with `budget`, `max_calls` and `prompting`.
-            worth: What an answer earns.
+            worth: Rule for the value of an answer, such as `strict` or `graded`.
             scenes_dir: Folder of scene packs.
         """
         self._episode = open_episode(scene, seed, max_calls=wanted.get("max_calls"), scenes_dir=scenes_dir)

@@ -160,7 +160,7 @@ def test_twenty_people_play_at_once_and_the_run_is_an_ordinary_one(tmp_path: Pat
 def test_twenty_people_play_at_once_in_browsers_and_report_and_compare_take_the_run(
     tmp_path: Path, host_url: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Odd codes answer with what they read, even ones with half of it."""
+    """Participants with odd codes answer with the value that they read, those with even codes with half of it."""
     assert PROGRAM
     together = threading.Barrier(20)
 

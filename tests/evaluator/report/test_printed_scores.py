@@ -70,7 +70,7 @@ def check(row: Mapping[str, str]) -> bool:
 
 
 def checked(titles: Sequence[str], rows: Sequence[Sequence[str]]) -> int:
-    """Recompute the scores of a printed table; returns their number."""
+    """Recompute the scores of a printed table; returns the number of scores."""
     if not set(TITLES) <= set(titles):
         return 0
     # The second V is that of enabled tools.

@@ -51,8 +51,8 @@ def compare_busy(what: str, ours: Work, theirs: Work, aim: float, *, calls: int,
 
     Args:
         what: Text of the row.
-        ours: Function under test; one call of it.
-        theirs: Reference function; one call of it.
+        ours: Makes one call of the function under test.
+        theirs: Makes one call of the reference function.
         aim: Largest ratio that is not marked.
         calls: Calls of each side in a round.
         rounds: Number of rounds.

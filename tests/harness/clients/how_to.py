@@ -63,5 +63,5 @@ def _quoted(requirement: str) -> str:
 
 
 def current() -> str:
-    """Return the page as it must be with the current programs."""
+    """Return the text of the page, generated from the current programs."""
     return page(read_clients())

@@ -87,7 +87,7 @@ def _of_powers(x: Array, labels: Sequence[str], keys: Array, fitted: int, tolera
 
 
 def _lines(x: Array, wanted: Array, fitted: int) -> Array:
-    """Fit a straight line to the first seeds for each column of x, by least squares; returns its values."""
+    """Fit a line to the first seeds for each column of x, by least squares; returns the values of the lines."""
     centre, level = x[:fitted].mean(axis=0), wanted[:fitted].mean()
     spread = ((x[:fitted] - centre) ** 2).sum(axis=0)
     slope = ((x[:fitted] - centre) * (wanted[:fitted, None] - level)).sum(axis=0) / np.where(spread > 0, spread, np.inf)

@@ -144,7 +144,7 @@ async def _filled(target: Target, calls: int, max_calls: int | None = None) -> d
 
 
 async def measurements(target: Target) -> None:
-    """Read pages of measurements of the largest size."""
+    """Read the largest possible pages of measurements."""
     episode, uri = await _filled(target, 500), "physment://measurements"
     page = message(episode["path"], "resources/read", {"uri": uri}, uri)
 

@@ -120,7 +120,7 @@ def test_a_bad_law_is_refused_with_one_sentence(law: object, sentence: str) -> N
 
 
 def test_powers_of_powers_are_never_computed_as_integers() -> None:
-    """Python would compute 9**9**9, of 370 million digits, for hours; a law has floating-point numbers alone."""
+    """Python would compute the 370 million digits of 9**9**9 for hours; a law uses only floating-point numbers."""
     costly = x("a39", let={"a0": "2", **{f"a{n}": f"a{n - 1}**a{n - 1}" for n in range(1, 40)}})
     nested = x("hypot(" + ",".join(["9**9**9"] * 20) + ")")
     for law in (costly, nested):
