@@ -1,7 +1,7 @@
 """Certificates 2 and 3, which compare twins: two variants of one scene with different hidden values.
 
-By certificate 2, prompt and first readings of twins are equal. By certificate 3, twins can be told apart only with the
-tool that the category of their scene requires, such as `create_objects`.
+By certificate 2, prompt and first readings of twins are equal. By certificate 3, twins can be distinguished only with
+the tool that the category of their scene requires, such as `create_objects`.
 """
 
 import math

@@ -122,7 +122,7 @@ class RunningChallenge:
         """Write to the run folder. While that fails, for example on a full disk, retry until the challenge is ended.
 
         Raises:
-            StoreError: The folder could not be written until the end.
+            StoreError: The folder could still not be written when the challenge ended.
         """
         is_reported = False
         while True:

@@ -197,7 +197,7 @@ def has_parquet() -> bool:
 
 
 def card(done: Sequence[WrittenSplit], per_scene: int) -> str:
-    """The data card: what the files hold, how they were made, and what they must not be used for."""
+    """The data card: the content of the files, how they were made, and what they must not be used for."""
     configs = "".join(
         f"      - split: {split.label.partition('@')[0]}\n        path: {split.files[0].name}\n" for split in done
     )

@@ -42,7 +42,7 @@ _SIZES = {"sphere": 1, "capsule": 2, "cylinder": 2, "box": 3, "ellipsoid": 3, "p
 
 
 class DrawnPart(Record):
-    """A shape in the frame of its body."""
+    """A shape of a body, with its pose in the frame of the body."""
 
     shape: Literal["sphere", "box", "capsule", "cylinder", "ellipsoid", "plane"]
     size: tuple[_Length, _Length, _Length]
