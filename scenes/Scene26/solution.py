@@ -1,7 +1,7 @@
 """Scene 26: fit friction and resistance to the cart's motion below the guard, then integrate from 6 m/s to rest."""
 
 import numpy as np
-from scipy.optimize import nnls
+from scipy.optimize import brentq, nnls
 
 from scenes.courses import Laws, force, position, recorded, velocity
 from scenes.family import members
@@ -23,6 +23,8 @@ START_N, GROWTH, SEARCH_S, MOVES = 0.3, 1.4, 0.3, 0.12
 EXPLORE_S, MORE, TOP, BOLD = 0.2, 0.25, 1.6, 1.6
 LIGHTEST_KG, RISE = 1.0, 1.2
 """Least mass that the task allows, and the growth of the force while no mass is found."""
+GRIP_S = 0.04
+"""Way over speed of a cart that is gripped, at most; one that coasts to rest goes farther."""
 CALLS, LEGS_AT_ONCE = 149, 3
 TARGETS = (1.3, 1.8, 1.4, 0.9, 1.75, 1.5, 0.8, 0.4, 1.1, 1.8, 1.6, 1.8)
 
@@ -61,8 +63,11 @@ LAWS = Laws(
 def _course(readings):
     """Pushes and readings from the first motion on, while the guard is silent."""
     course = recorded(readings, [force("object_1", 0)], [position("object_1", 0), velocity("object_1", 0)])
-    v = course.readings[:, 1]
-    held = np.nonzero((np.maximum.accumulate(v) > 0.4) & (v < 0.1) & (course.controls[:, 0] > 0))[0]
+    x, v = course.readings.T
+    before, way = np.append(0.0, v[:-1]), np.diff(x, prepend=0.0)
+    # A cart that the resistance alone brings to rest goes on for a while; one that the guard grips does not.
+    gripped = (course.controls[:, 0] > 0) | (way < GRIP_S * before)
+    held = np.nonzero((np.maximum.accumulate(v) > 0.4) & (v < 0.1) & gripped)[0]
     end = held[0] if len(held) else len(v)
     return type(course)(course.durations[:end], course.controls[:end], course.readings[:end])
 
@@ -112,10 +117,21 @@ def _guess(course):
     return nnls(table[moving], (course.controls[:, 0] * dt[:, 0])[moving])[0]
 
 
-def _plan(p, v, target, lasting):
+def _needed(p, v, target, lasting):
     """Force that brings the cart from a speed to another within a leg."""
-    push = p[0] * (target - v) / lasting + float(_mean(np.array(v), np.array(target)) @ p[1:])
-    return float(np.clip(push, 0.0, GREATEST_N))
+    return float(p[0] * (target - v) / lasting + _mean(np.array(v), np.array(target)) @ p[1:])
+
+
+def _plan(p, v, target, lasting):
+    """The same force within the limits, and the speed to which it brings the cart."""
+    push = _needed(p, v, target, lasting)
+    if 0.0 <= push <= GREATEST_N:
+        return push, target
+    push = float(np.clip(push, 0.0, GREATEST_N))
+    low, high = sorted((v, target))
+    if (_needed(p, v, low, lasting) - push) * (_needed(p, v, high, lasting) - push) >= 0:
+        return push, v
+    return push, float(brentq(lambda last: _needed(p, v, last, lasting) - push, low, high))
 
 
 def solve(task):
@@ -137,15 +153,15 @@ def solve(task):
         target = min(fastest + MORE, TOP + 0.15)
         greatest = max(asked.arguments["force_vector"][0] for asked, _ in seen if asked.tool == "apply_force")
         # Legs with one force are explained by a friction alone, without a mass: then only another force tells more.
-        push = min(_plan(p, v, target, EXPLORE_S), BOLD * greatest) if p[0] > LIGHTEST_KG else RISE * greatest
+        push = min(_plan(p, v, target, EXPLORE_S)[0], BOLD * greatest) if p[0] > LIGHTEST_KG else RISE * greatest
         calls = [*_leg(push, EXPLORE_S), *_leg(0, EXPLORE_S)]
     number = 0
     while len(seen) + 4 <= CALLS:
         calls = []
         for _ in range(min(LEGS_AT_ONCE, (CALLS - len(seen)) // 4)):
-            target = TARGETS[number % len(TARGETS)]
-            calls += _leg(_plan(p, v, target, LEG_S), LEG_S)
-            v, number = target, number + 1
+            push, v = _plan(p, v, TARGETS[number % len(TARGETS)], LEG_S)
+            calls += _leg(push, LEG_S)
+            number += 1
         seen += zip(calls, (yield calls), strict=True)
         p, v = _guess(_course(seen)), max(seen[-1][1]["velocity"][0], 0.0)
     yield [answer(_best(seen))]
