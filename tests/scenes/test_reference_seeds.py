@@ -9,6 +9,7 @@ from tests.harness.fresh_seeds import verdict
 @pytest.mark.parametrize(
     ("scene", "seed"),
     [
+        pytest.param(26, 4176143356, id="the guard gripped a cart that coasted slower than planned"),
         pytest.param(
             28, 1831608469, id="a second cord was presumed where there is none, and the latch held the glider"
         ),
