@@ -77,7 +77,7 @@ def visibility_of(scene: Scene, variants: Sequence[str]) -> Visibility:
 
     Args:
         scene: The scene.
-        variants: The scene's MJCF at enough other seeds that everything that depends on the seed differs in one.
+        variants: The scene's MJCF at other seeds, enough for each property that depends on the seed to differ in one.
 
     Raises:
         SceneError: A variant does not compile.

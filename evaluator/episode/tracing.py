@@ -1,4 +1,4 @@
-"""What observers see of a running episode: OpenTelemetry spans, and its current turn and call for displays.
+"""Data about running episodes for observers: OpenTelemetry spans, and the current turn and call for displays.
 
 Spans of episodes, turns and calls are recorded only if an exporter is configured. Their attribute names follow the
 semantic conventions for GenAI and MCP; other names begin with `physment.`. Spans hold names, numbers and error types.

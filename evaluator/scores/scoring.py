@@ -48,7 +48,7 @@ def score_episode(
         episode: The recorded episode.
         record: Its grade, which is replaced if the pack of the episode has been withdrawn since.
         keys: Answer keys of the packs that it was played on.
-        evidence: What its experiments determine; None if that was not measured.
+        evidence: The evidence of the episode; None if it was not measured.
 
     Raises:
         UsageError: The pack is missing or malformed.

@@ -59,7 +59,8 @@ def wait(duration: float) -> list[Call]:
 def all_controls(opening: Opening, objects: Sequence[str]) -> list[Control]:
     """Return the controls whose unit and object the question mentions.
 
-    If it mentions neither unit, both are used. If it names no object, the controls of all objects are returned.
+    If the question mentions neither N nor N·m, controls of both units are returned. If it names no object, the controls
+    of all objects are returned.
     """
     newton, newton_metre = unit("N"), unit("N*m")
     kinds = [("apply_force", opening.force, newton), ("apply_torque", opening.torque, newton_metre)]
