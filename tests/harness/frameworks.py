@@ -1,6 +1,6 @@
 """Installs third-party frameworks in separate environments, and runs the tests that need them.
 
-python -m tests.harness.frameworks NAME...    verifiers, openenv, nemo_gym, trl, harbor, inspect, ray or lowest
+python -m tests.harness.frameworks NAME...    verifiers, openenv, nemo_gym, trl, atropos, harbor, inspect, ray or lowest
 
 The frameworks pin versions of mcp that conflict with ours and with each other. `lowest` runs the whole suite with the
 oldest versions that pyproject.toml allows; it needs uv. This module imports the standard library only.
@@ -64,6 +64,12 @@ def client(name: str) -> int:
     return tested(sys.executable, f"tests/integrations/test_{name}.py")
 
 
+def atropos() -> int:
+    """Test the environment for Atropos of docs/how-to/atropos.md; skipped if Atropos cannot be installed."""
+    installed("atropos", "-e", "integrations/client", "atroposlib==0.4.0")
+    return tested(sys.executable, "tests/integrations/test_atropos.py")
+
+
 def harbor() -> int:
     """Export the suite as Harbor tasks into build/harbor, and let Harbor read them and run trials."""
     installed("harbor", "harbor>=0.24,<0.25")
@@ -98,7 +104,7 @@ def lowest() -> int:
     )
 
 
-OTHERS = {"harbor": harbor, "inspect": inspect, "ray": ray, "lowest": lowest}
+OTHERS = {"atropos": atropos, "harbor": harbor, "inspect": inspect, "ray": ray, "lowest": lowest}
 
 
 def main(argv: Sequence[str]) -> int:
