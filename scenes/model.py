@@ -63,9 +63,9 @@ def drawn_mjcf(files: PackFiles, pack: Pack, values: Mapping[str, KnobValue], *,
 
 
 def noise_of_seed(mjcf: str, seed: int) -> str:
-    """Return the model of a world with the noise of a seed. Seeds of a world differ only in instrument noise.
+    """Return the model of a world with the instrument noise of a seed, in which alone the seeds of a world differ.
 
-    Models without a salt are returned unchanged.
+    Models without a text that determines the noise, the salt, are returned unchanged.
     """
     if seed == 0:
         return mjcf

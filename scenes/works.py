@@ -174,7 +174,7 @@ def weighed(
     predict: Callable[[Array], AnswerValue],
     highest: Array,
 ) -> dict[str, Member]:
-    """Fit all members of a family of potentials to the points, with the same errors of the points for each.
+    """Fit all structures of a family of potentials to the same points, with the same errors.
 
     Args:
         fits: The last fit of each structure, from which the new fit starts.

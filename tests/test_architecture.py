@@ -62,7 +62,7 @@ class Component:
 
 
 def components_of(page: str) -> dict[str, dict[str, Component]]:
-    """Package → component → its row, from the text of the architecture page."""
+    """Map each package to its components, and each component to its row in a table of the architecture page."""
     found: dict[str, dict[str, Component]] = {}
     for section in re.split(r"^### ", page, flags=re.MULTILINE)[1:]:
         package = re.match(r"`(\w+)`", section)

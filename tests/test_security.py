@@ -46,6 +46,6 @@ def test_the_tests_that_hold_the_promises_exist() -> None:
 
 
 def test_lint_runs_the_code_of_a_pack(packs: Path) -> None:
-    """SECURITY.md warns of this behaviour. The test also shows that the pack of these tests detects execution."""
+    """SECURITY.md warns that this executes the code of a pack. The other tests use this pack to detect execution."""
     evaluate(["lint", "--scenes-dir", str(packs)])
     assert (packs / "ran").exists()

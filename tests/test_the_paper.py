@@ -64,7 +64,7 @@ def suite() -> dict[int, Pack]:
 
 
 def difficulty() -> dict[int, dict[str, int]]:
-    """Return scene of the suite → the figures of its certificate of difficulty: maxima over 20 seeds."""
+    """Map each scene of the suite to the figures of its difficulty certificate, each the maximum over 20 seeds."""
     stored = json.loads((ROOT / "scenes" / "certificates.json").read_text(encoding="utf-8"))["scenes"]
     return {
         scene["scene"]: check["figures"]

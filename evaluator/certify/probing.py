@@ -69,7 +69,7 @@ class Probe(Readout):
 
 
 class Read(NamedTuple):
-    """The numbers that a call returned, with their derivatives."""
+    """The numbers that a call returned, with their derivatives with respect to the instrument errors."""
 
     place: int
     """Number of the call in the episode, from 0."""

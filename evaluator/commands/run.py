@@ -166,7 +166,7 @@ _NAMED = 3
 
 
 def prove_seeds(config: RunConfig, plan: Plan) -> tuple[Plan, SeedProofs]:
-    """Check the seeds of a plan that no certificate covers.
+    """Check those seeds of a plan that no certificate covers.
 
     A seed that fails is replaced, unless the operator named it.
 
@@ -175,7 +175,7 @@ def prove_seeds(config: RunConfig, plan: Plan) -> tuple[Plan, SeedProofs]:
         plan: Its episodes.
 
     Returns:
-        The plan with replaced seeds, and the entry about the proofs for the record of the run.
+        The plan with replaced seeds, and the results of the checks, which are stored in the record of the run.
 
     Raises:
         UsageError: A seed that the operator named fails, or there is no seed left to replace another one.

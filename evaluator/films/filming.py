@@ -58,7 +58,7 @@ async def film_of(episode: Episode, opens: Opens, record_sha256: str, *, reveale
 
 
 def _changes(episode: Episode, drawings: Sequence[Mapping[str, Any]]) -> Iterator[tuple[int, Mapping[str, Reading]]]:
-    """Yield position readings of objects that are not always drawn, each set with the call that changed it."""
+    """Yield the last positions read of objects that are sometimes invisible, after each call that changed one."""
     always = set[str].intersection(*({body["id"] for body in drawing["bodies"]} for drawing in drawings))
     read: Mapping[str, Reading] = {}
     exchanges = (exchange for turn in episode.turns for exchange in turn.exchanges)

@@ -87,7 +87,7 @@ def _phase(
 
 
 def _pace(episodes: Sequence[FollowedEpisode], now: datetime) -> float | None:
-    """Return the current rate of ended episodes [1/s]; None before the second has ended."""
+    """Return the current rate of ended episodes [1/s]; None before two episodes have ended."""
     ends = sorted(map(_ended_at, episodes))[-_RECENT:]
     if len(ends) < 2 or now.timestamp() <= ends[0]:
         return None

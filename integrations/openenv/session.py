@@ -18,7 +18,7 @@ PATIENCE_S = 600.0
 
 
 class PhysmentSession(ResourceSession):
-    """An open episode. An iteration is a turn, so `max_turns` of the harness must be the budget."""
+    """An open episode. Each turn of the harness is an iteration, so `max_turns` must equal the budget of iterations."""
 
     def __init__(self, referee: Referee, opened: OpenedEpisode) -> None:
         """Prepare; the first call connects."""

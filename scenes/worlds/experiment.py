@@ -145,7 +145,7 @@ def simulated(
     noise_seed: int | None,
     longest_s: float = COURSE_S,
 ) -> Course:
-    """Simulate an experiment by theory; returns its pushes and readings.
+    """Simulate an experiment by integrating the equations of motion, without MuJoCo; returns its pushes and readings.
 
     Args:
         structure: The terms of the law.

@@ -80,7 +80,7 @@ def harbor() -> int:
 
 
 def inspect() -> int:
-    """Test the plugin of Inspect AI, which plays, grades and reads logs, where Inspect AI is installed."""
+    """Test the plugin for Inspect AI in an environment with Inspect AI: it plays, grades, and reads logs."""
     python = installed("inspect", "-e", ".", "-e", "integrations/inspect", "openai==3.52.0", "pytest", "hypothesis")
     tests = ("tests/integrations/test_inspect_task.py", "tests/integrations/test_inspect_log.py")
     return 1 if python is None else tested(python, *tests)

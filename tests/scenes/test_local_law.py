@@ -1,4 +1,4 @@
-"""Tests of the law by which pushes are planned, on courses in closed form or integrated by the same equations."""
+"""Tests of the local law with which pushes are planned, fitted to exact or numerically integrated trajectories."""
 
 import numpy as np
 import pytest

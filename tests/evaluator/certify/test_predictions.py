@@ -240,7 +240,7 @@ def test_lint_compiles_every_structure_of_a_model_with_parts_that_may_be_absent(
 def test_lint_reports_a_part_that_a_drawn_zero_switches_off(
     quantity: str, kind: str, author: Author, files: PackFiles
 ) -> None:
-    """Lint must find the part in the MuJoCo model, because the pack has no laws and no conditions on parts."""
+    """Here the pack declares the part neither in a law nor in a condition, so lint must find it in the MuJoCo model."""
     author.edit(files, lambda pack: pack["derive"].update({quantity: pack["derive"][quantity].replace("1e-9", "0.0")}))
     assert any(f"the number of {kind} is" in fault for fault in lint(files)), lint(files)
 

@@ -90,7 +90,7 @@ def test_a_comparison_shows_the_laws_of_both_sides() -> None:
 
 @pytest.fixture
 def folder(tmp_path: Path) -> RunFolder:
-    """A run with one episode of scene 201 that answered with a law."""
+    """A run with one episode of scene 201, in which the agent gave a law with its answer."""
     run = RunFolder(tmp_path / "run")
     (tmp_path / "run").mkdir()
     key = episode_key(201, seed=1)

@@ -79,7 +79,7 @@ def test_the_page_lists_every_scenario() -> None:
 
 
 def test_the_list_and_the_page_agree() -> None:
-    """Only page and list are compared; the command that makes the page needs the network."""
+    """Compares the page of results with the list of scenarios. Writing the page anew would need the network."""
     text = (HERE.parents[2] / "docs" / "explanation" / "conformance.md").read_text(encoding="utf-8")
     for entry in read_expected(HERE / "expected.toml").values():
         assert f"| {entry.scenario} |" in text
