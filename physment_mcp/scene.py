@@ -3,6 +3,7 @@
 `scenes.public` copies the public fields one by one, so a private field that is added to packs later stays private.
 """
 
+import functools
 import hashlib
 import logging
 from collections import OrderedDict
@@ -18,6 +19,8 @@ logger = logging.getLogger(__name__)
 
 _KEPT = 256
 """Size of the cache of loaded scenes; an entry is a scene at one seed and takes about 12 kB."""
+_KEPT_VARIANTS = 16
+"""Number of scenes whose models at twenty seeds are cached."""
 
 
 @dataclass(frozen=True, slots=True, weakref_slot=True)
@@ -92,7 +95,7 @@ def load_scene(scene_id: int, seed: int = 0, folder: Path | None = None, timeste
     Raises:
         SceneError: There is no such scene, or its pack is malformed or outside the folder.
     """
-    source = _source(scene_id, seed, folder, timestep)
+    source = _source(_pack(scene_id, folder), seed, timestep)
     scene = _SCENES.get(source)
     if scene is None:
         try:
@@ -108,14 +111,17 @@ def kept_scene(scene_id: int, seed: int = 0, folder: Path | None = None, timeste
     Raises:
         SceneError: As for `load_scene`.
     """
-    return _SCENES.get(_source(scene_id, seed, folder, timestep))
+    return _SCENES.get(_source(_pack(scene_id, folder), seed, timestep))
 
 
-def _source(scene_id: int, seed: int, folder: Path | None, timestep: float | None) -> _Source:
+def _pack(scene_id: int, folder: Path | None) -> PackFiles:
     try:
-        files = find_pack(scene_id, folder)
+        return find_pack(scene_id, folder)
     except PackError as error:
         raise SceneError(str(error), for_client=error.problem) from error
+
+
+def _source(files: PackFiles, seed: int, timestep: float | None) -> _Source:
     try:
         description, model = hosted_files(files, seed)
     except PackError as error:
@@ -132,7 +138,7 @@ def _digest(path: Path) -> bytes:
 
 
 def load_variants(scene_id: int, folder: Path | None = None) -> list[str]:
-    """Return the models of a scene at seeds 0 to 19, as MuJoCo XML.
+    """Return the models of a scene at seeds 0 to 19, as MuJoCo XML. They are cached, as scenes are.
 
     Comparing them shows which parts of the model depend on the seed. The probability that a random choice between two
     values is equal at all twenty seeds is 1 in 500 000.
@@ -141,10 +147,16 @@ def load_variants(scene_id: int, folder: Path | None = None) -> list[str]:
         SceneError: One of them cannot be read, for example because it was not exported.
     """
     try:
-        files = find_pack(scene_id, folder)
-        return [read_hosted(files, seed)[1] for seed in range(20)]
-    except PackError as error:
+        files = _pack(scene_id, folder)
+        return list(_variants(tuple(_source(files, seed, None) for seed in range(20))))
+    except (PackError, SceneError) as error:
         raise SceneError(f"frames need the seeds 0 to 19 of a scene: {error}") from error
+
+
+@functools.lru_cache(_KEPT_VARIANTS)
+def _variants(sources: tuple[_Source, ...]) -> tuple[str, ...]:
+    """The models of sources; `load_scene` caches scenes, which seldom are the same seeds."""
+    return tuple(read_hosted(source.files, source.seed)[1] for source in sources)
 
 
 def scene_ids(folder: Path | None = None) -> list[int]:

@@ -27,6 +27,10 @@ Say which of two runs is better on the episodes they have in common, by how much
 
 Episodes are paired by scene, seed, epoch, and each of agent, budget, prompting, protocol of which a run has several.
 """
+_WIDE = 110
+"""Columns of a terminal from which on the table has all its columns."""
+_NARROW = ("A right", "B right", "B − A", "95 % interval", "p")
+"""Columns of the table in a narrower terminal, so that no number is cut."""
 
 
 def add(commands: Commands) -> None:
@@ -105,18 +109,27 @@ def _print(found: Comparison, first: Path, second: Path) -> None:
     console = wide_console()
     console.print(escape(found.sentence), highlight=False, soft_wrap=True)
     console.print(escape(f"\nA = {found.a} [{first}]\nB = {found.b} [{second}]"), highlight=False, soft_wrap=True)
-    table = Table("", "scenes", "A right", "B right", "only A", "only B", "B − A", "95 % interval", "p", box=None)
-    table.columns[0].no_wrap = True
+    narrow = console.width < _WIDE
+    all_titles = ("scenes", "A right", "B right", "only A", "only B", "B − A", "95 % interval", "p")
+    titles = _NARROW if narrow else all_titles
+    table = Table("", *titles, box=None)
+    for column in table.columns:
+        column.no_wrap = True
     for column in table.columns[1:]:
         column.justify = "right"
-    table.add_row("strict", *_cells(found.strict, found.strict.p_value))
-    table.add_row("normalised", *_cells(found.normalised, found.normalised.p_value))
+
+    def add(name: str, difference: PairedDifference, p_value: float) -> None:
+        cells = dict(zip(all_titles, _cells(difference, p_value, narrow=narrow), strict=True))
+        table.add_row(name, *(cells[title] for title in titles))
+
+    add("strict", found.strict, found.strict.p_value)
+    add("normalised", found.normalised, found.normalised.p_value)
     grouping = ""
     for group in found.groups:
         if group.grouping != grouping:
             grouping = group.grouping
             table.add_row(f"[bold]{escape(grouping)}[/]")
-        table.add_row(f"  {escape(group.group)}", *_cells(group.difference, group.p_adjusted))
+        add(f"  {escape(group.group)}", group.difference, group.p_adjusted)
     console.print(table)
     sides = {name: side for name, side in (("A", found.evidence_a), ("B", found.evidence_b)) if side is not None}
     if sides:
@@ -134,6 +147,7 @@ def _print(found: Comparison, first: Path, second: Path) -> None:
         if count
     ]
     notes = ["differences in points of strict accuracy; p of groups adjusted within their grouping (Holm)"]
+    notes += ["a wider terminal also shows the numbers of scenes and episodes"] if narrow else []
     notes += [f"left out: {', '.join(left_out)}"] if left_out else []
     for note in notes:
         console.print(note, highlight=False, soft_wrap=True)
@@ -146,12 +160,12 @@ def _print_engines(*runs: Path) -> None:
         print(f"A was played with MuJoCo {engines[0]} and B with {engines[1]}, which may make a difference of its own")
 
 
-def _cells(found: PairedDifference, p_value: float) -> tuple[str, ...]:
+def _cells(found: PairedDifference, p_value: float, *, narrow: bool) -> tuple[str, ...]:
     interval = "–" if found.interval is None else f"{points(found.interval.low)} to {points(found.interval.high)}"
     return (
         str(found.n_scenes),
         *(
-            f"{correct}/{found.n} {100 * correct / found.n:5.1f} %"
+            f"{'' if narrow else f'{correct}/{found.n} '}{100 * correct / found.n:5.1f} %"
             for correct in (found.first_correct, found.second_correct)
         ),
         str(found.only_first),

@@ -45,6 +45,8 @@ from scenes import (
 from scenes.model import noise_of_seed
 from scenes.splits import splits
 
+_WIDE = 120
+"""Columns of a terminal from which on the list has all its columns."""
 _DESCRIPTION = """\
 List the scenes, show one, start a new one, or write the pages about them.
 """
@@ -153,36 +155,24 @@ def _list(args: argparse.Namespace) -> int:
     folder = args.scenes_dir or default_folder()
     stored = read_certificates(folder, version("mujoco")) or read_certificates(folder)
     certificates = {one.scene: one for one in stored.scenes} if stored else {}
-    table = Table(box=None, pad_edge=False)
-    table.add_column("scene", justify="right")
     certificate = f"certificate on MuJoCo {stored.engine}" if stored else "certificate"
-    for title in ("name", "rung", "category", "type", "answer", "difficulty", certificate):
-        table.add_column(title, overflow="fold")
     difficulties = stated_difficulties(packs)
-    states: dict[str, list[str]] = {name: [] for name in (*Rung, NO_RUNG)}
     read = {files: _read(files) for files in packs}
-    for files, pack in read.items():
-        state = _state(files, certificates.get(files.scene_id))
-        rung = pack.category.rung.value if pack.category else NO_RUNG
-        states[rung].append(state)
-        table.add_row(
-            reference_of(files.scene_id),
-            escape(pack.metadata.scene_name),
-            rung,
-            pack.category.value if pack.category else "",
-            pack.metadata.problem_type,
-            escape(_answer_type(pack)),
-            _difficulty(difficulties.get(files.scene_id)),
-            state,
-        )
+    states = {files: _state(files, certificates.get(files.scene_id)) for files in packs}
     console = wide_console()
-    console.print(table)
+    rows = {files: (pack, difficulties.get(files.scene_id), states[files]) for files, pack in read.items()}
+    console.print(_scene_table(rows, certificate, narrow=console.width < _WIDE))
+    if console.width < _WIDE:
+        console.print("a wider terminal also shows type and certificate", highlight=False)
     if note := engine_note(folder):
         console.print(note, highlight=False, soft_wrap=True)
     if difficulties:
         note = "difficulty ± standard error in logits, from answers of simulated takers; 0 is the average scene"
         console.print(note, highlight=False, soft_wrap=True)
-    console.print(_totals(states), highlight=False, soft_wrap=True)
+    rungs: dict[str, list[str]] = {name: [] for name in (*Rung, NO_RUNG)}
+    for files, pack in read.items():
+        rungs[pack.category.rung.value if pack.category else NO_RUNG].append(states[files])
+    console.print(_totals(rungs), highlight=False, soft_wrap=True)
     if split:
         seeds = f"{split.seeds[0]}-{split.seeds[-1]}"
         console.print(f"split {split.label}: {len(packs)} scenes, seeds {seeds}", highlight=False)
@@ -193,6 +183,38 @@ def _list(args: argparse.Namespace) -> int:
         write_gallery(read, args.html, args.link, args.scenes_dir, stated)
         console.print(f"{args.html} has a card for each", highlight=False, markup=False, soft_wrap=True)
     return 0
+
+
+def _scene_table(
+    rows: Mapping[PackFiles, tuple[Pack, StatedDifficulty | None, str]], certificate: str, *, narrow: bool
+) -> Table:
+    """Table with a row for each scene.
+
+    Args:
+        rows: Files of a pack → the pack, its difficulty, and the state of its certificate.
+        certificate: Title of the last column.
+        narrow: Whether to leave out columns, so that no word is broken in 80 columns. The category contains the rung.
+    """
+    titles = ("scene", "name", "rung", "category", "type", "answer", "difficulty", certificate)
+    left_out = {"rung", "type", certificate} if narrow else set[str]()
+    table = Table(box=None, pad_edge=False)
+    for title in titles:
+        if title not in left_out:
+            justify = "right" if title == "scene" else "left"
+            table.add_column(title, overflow="fold", justify=justify, no_wrap=title == "category")
+    for files, (pack, difficulty, state) in rows.items():
+        cells = (
+            reference_of(files.scene_id),
+            escape(pack.metadata.scene_name),
+            pack.category.rung.value if pack.category else NO_RUNG,
+            pack.category.value if pack.category else "",
+            pack.metadata.problem_type,
+            escape(_answer_type(pack)),
+            _difficulty(difficulty),
+            state,
+        )
+        table.add_row(*(cell for title, cell in zip(titles, cells, strict=True) if title not in left_out))
+    return table
 
 
 def _difficulty(stated: StatedDifficulty | None) -> str:

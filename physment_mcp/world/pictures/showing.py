@@ -5,6 +5,7 @@ bodies at the poses that the caller gives. Neither can draw anything else. A geo
 same in every variant of a scene (`same_parts`).
 """
 
+import functools
 import xml.etree.ElementTree as ET
 from collections.abc import Collection, Generator, Iterable, Mapping, Sequence
 from typing import Literal, NamedTuple
@@ -17,6 +18,8 @@ from physment_mcp.world.pictures.drawing import boxes_of, view_on
 from physment_mcp.world.pictures.framing import View
 from physment_mcp.world.readings import Array
 
+_CACHED = 256
+"""Number of models whose appearances are cached: the variants of a scene are compared anew for each of its seeds."""
 SHAPES = frozenset(
     {
         mujoco.mjtGeom.mjGEOM_PLANE,
@@ -56,11 +59,13 @@ def same_parts(variants: Sequence[str], found_later: Collection[str]) -> frozens
     Raises:
         SceneError: A variant does not compile.
     """
-    appearances = [_appearances(mjcf, found_later) for mjcf in dict.fromkeys(variants)]
+    later = frozenset(found_later)
+    appearances = [_appearances(mjcf, later) for mjcf in dict.fromkeys(variants)]
     return frozenset(part for part, _ in frozenset.intersection(*appearances))
 
 
-def _appearances(mjcf: str, found_later: Collection[str]) -> frozenset[tuple[Part, bytes]]:
+@functools.lru_cache(_CACHED)
+def _appearances(mjcf: str, found_later: frozenset[str]) -> frozenset[tuple[Part, bytes]]:
     start = load(mjcf)
     model, data = start.model, mujoco.MjData(start.model)
     mujoco.mj_setState(model, data, start.state, STATE)

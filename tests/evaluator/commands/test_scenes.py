@@ -1,6 +1,7 @@
 """Tests of `verify`, `lint` and `scenes` as an author uses them."""
 
 import json
+import re
 import shutil
 import signal
 import subprocess
@@ -12,8 +13,9 @@ from typing import Any
 import pytest
 
 from evaluator.certify.records import CERTIFICATES_FILE
+from evaluator.commands.program import main
 from evaluator.store.run_folder import RunFolder
-from scenes import default_folder
+from scenes import default_folder, list_packs, read_pack
 from tests.builders.commands import heed_signals, physment_eval
 
 COMMAND = [sys.executable, "-m", "evaluator"]
@@ -166,6 +168,20 @@ def test_scenes_list_names_no_unit_where_an_answer_has_none() -> None:
     assert "None" not in listed
     assert "number [m/s]" in listed
     assert "they stay together" in " ".join(listed.split())
+
+
+def test_scenes_list_breaks_no_word_in_a_terminal_of_80_columns(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for name, value in (("FORCE_COLOR", "1"), ("TERM", "dumb"), ("COLUMNS", "80")):
+        monkeypatch.setenv(name, value)
+    assert main(["scenes", "list", "--scenes", "7-220"]) == 0
+    shown = re.sub(r"\x1b\[[\d;]*m", "", capsys.readouterr().out)
+    assert max(len(line) for line in shown.splitlines() if not line.startswith("difficulty ±")) <= 80
+    for files in list_packs():
+        pack = read_pack(files)
+        words = {*pack.metadata.scene_name.split(), *([pack.category.value] if pack.category else [])}
+        assert words <= set(shown.split()), files.scene_id
 
 
 def test_a_new_scene_never_overwrites_an_existing_scene(tmp_path: Path) -> None:

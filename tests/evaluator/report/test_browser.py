@@ -63,6 +63,16 @@ def test_every_section_is_shown_and_the_page_fits_its_window(
     assert (paper < 60) == (scheme == "dark")
 
 
+def test_a_browser_without_scripts_lists_all_episodes(browser: Page, report: Path) -> None:
+    browser.send("Emulation.setScriptExecutionDisabled", value=True)
+    try:
+        browser.open(report)
+        assert browser.run("document.getElementsByClassName('episode').length") == 64
+        assert browser.run("document.querySelector('#list details summary').getBoundingClientRect().height > 0")
+    finally:
+        browser.send("Emulation.setScriptExecutionDisabled", value=False)
+
+
 def test_filters_shorten_the_list_and_show_how_many_episodes_are_left(browser: Page, report: Path) -> None:
     browser.open(report)
     assert browser.run(SHOWN) == "64 of 64 episodes."

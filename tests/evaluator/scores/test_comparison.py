@@ -234,6 +234,20 @@ def test_the_command_prints_a_sentence_and_a_table(runs: tuple[str, str], capsys
         assert group in said
 
 
+def test_in_a_terminal_of_80_columns_no_number_of_the_table_is_cut(
+    runs: tuple[str, str], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for name, value in (("FORCE_COLOR", "1"), ("TERM", "dumb"), ("COLUMNS", "80")):
+        monkeypatch.setenv(name, value)
+    assert main(["compare", *runs]) == 0
+    said = re.sub(r"\x1b\[[\d;]*m", "", capsys.readouterr().out)
+    table = said[said.index(" A right") : said.index("differences in points")]
+    assert max(map(len, table.splitlines())) <= 80
+    assert "…" not in table
+    (strict,) = (line for line in table.splitlines() if line.startswith(" strict"))
+    assert strict.split()[:6] == ["strict", "31.2", "%", "87.5", "%", "+56.2"]
+
+
 def test_the_sentence_and_the_table_say_the_same_difference_in_either_order(
     runs: tuple[str, str], capsys: pytest.CaptureFixture[str]
 ) -> None:
