@@ -1,7 +1,5 @@
 """Scene 219: learn the mass, lead the puck to and fro over the floor, fit each law of the leash, predict."""
 
-from dataclasses import replace
-
 import numpy as np
 
 from scenes.courses import Laws
@@ -23,8 +21,6 @@ BOX = {
 }
 LED_M_S, HELD_S, FAST_M_S = 5.0, 5.0, 10.0
 BLUR_M = 0.01
-FEW_CALLS = 28
-SWIFT, TOO_FAR_M = 0.7, 4.8
 
 
 def _soft(beyond):
@@ -114,19 +110,7 @@ def _laws(box):
 
 
 class Floor(PuckFloor):
-    """Looks for the mass only near its first estimate, which it takes for too large at first."""
-
-    def mass(self, readings):
-        """Mass so far; less, as long as few readings tell it."""
-        return (0.6 if len(readings) < FEW_CALLS else 1.0) * super().mass(readings)
-
-    def aimed(self, place, speed, target):
-        """The push that suits a puck that is soon slowed, unless one that keeps its speed would leave the floor."""
-        pushed = super().aimed(place, speed, target)
-        after = SWIFT * (speed + self.leg_s * pushed)
-        rest = place + self.leg_s * (speed + after) / 2 + self.coasts_s * after
-        cautious = np.hypot(*rest) > TOO_FAR_M
-        return PuckFloor.aimed(replace(self, slowed=SWIFT), place, speed, target) if cautious else pushed
+    """Looks for the mass only near its first estimate."""
 
     def best(self, readings):
         """The answer of the structure that fits best."""
@@ -137,7 +121,7 @@ class Floor(PuckFloor):
         return self._near(readings).fit(readings, structure)
 
     def _near(self, readings):
-        mass = self.mass(readings)
+        mass = 1 / max(self.local(readings).lightness, 1 / self.heaviest_kg)
         return PuckFloor(laws=_laws({**BOX, "m": (mass / 1.6, 1.6 * mass)}), **LEADING)
 
 
@@ -150,7 +134,7 @@ LEADING = {
     "heaviest_kg": 40.0,
     "haste": 4.8,
     "leg_s": 1.0,
-    "slowed": 0.4,
+    "wanders": 0.5,
     "coasts_s": 0.4,
 }
 FLOOR = Floor(laws=_laws(BOX), **LEADING)
