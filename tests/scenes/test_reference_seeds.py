@@ -1,4 +1,4 @@
-"""Tests the reference agent at seeds at which an earlier version of it lost control of the apparatus."""
+"""Tests the reference agent at seeds at which an earlier version of it was wrong."""
 
 import pytest
 
@@ -17,7 +17,10 @@ from tests.harness.fresh_seeds import verdict
         pytest.param(97, 4205994631, id="a force grew fivefold at once, and the line that swung was parted"),
         pytest.param(105, 2036144970, id="a pan swung under a new ball, and its stiff thread broke"),
         pytest.param(212, 1924654402, id="a wrong mass led the puck into the rim"),
+        pytest.param(219, 166530120, id="a wrong mass sent the puck on a leash into the rim"),
+        pytest.param(219, 364440126, id="the readings determined the force of a leash with a grip too weakly"),
+        pytest.param(219, 3552809915, id="the readings determined the force of another leash too weakly"),
     ],
 )
-def test_the_reference_keeps_the_apparatus(scene: int, seed: int) -> None:
+def test_the_reference_is_right(scene: int, seed: int) -> None:
     assert verdict(find_pack(scene), seed)["right"]
