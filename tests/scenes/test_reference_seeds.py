@@ -16,6 +16,7 @@ from tests.harness.fresh_seeds import verdict
         pytest.param(44, 4003639905, id="the float gained speed on a long way, and sank into the trap"),
         pytest.param(97, 4205994631, id="a force grew fivefold at once, and the line that swung was parted"),
         pytest.param(105, 2036144970, id="a pan swung under a new ball, and its stiff thread broke"),
+        pytest.param(201, 850610864, id="a puck on one side of the floor determined a long wave too weakly"),
         pytest.param(212, 1924654402, id="a wrong mass led the puck into the rim"),
         pytest.param(219, 166530120, id="a wrong mass sent the puck on a leash into the rim"),
         pytest.param(219, 364440126, id="the readings determined the force of a leash with a grip too weakly"),
