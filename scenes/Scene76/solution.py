@@ -9,7 +9,8 @@ SPEED_M_S = 10.0
 PAIR = Pair(
     joints=("oil", "grease", "paste"), open_body=1, held=0, pushed=1, sigma=(0.009, 0.018), net=4.0, bend=(0.3, 0.8)
 )
-LEVELS = [(share, 0.0) for share in (1, 1, 0.5, 1, 1, 0.25, 1, 1, 0.6, 1, 1)]
+LEVELS = [(share, 0.0) for share in (1, 0.25, 0.25, 0.5, 0.25, 1, 0.25, 0.25, 0.5, 0.25)]
+"""Weak pushes last longer between the nets: grease then brings object_2 to the speeds that tell its resistance."""
 TIMES_S = (1.2, 1.0, 0.8, 0.6, 0.5, 0.4, 0.3, 0.2)
 
 
