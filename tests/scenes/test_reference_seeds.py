@@ -14,6 +14,8 @@ from tests.harness.fresh_seeds import verdict
             28, 1831608469, id="a second cord was presumed where there is none, and the latch held the glider"
         ),
         pytest.param(44, 4003639905, id="the float gained speed on a long way, and sank into the trap"),
+        pytest.param(76, 2165984442, id="the second cart moved too slowly to tell the size of its resistance"),
+        pytest.param(76, 3306113100, id="the second cart moved too slowly to tell the kind of its resistance"),
         pytest.param(97, 4205994631, id="a force grew fivefold at once, and the line that swung was parted"),
         pytest.param(105, 2036144970, id="a pan swung under a new ball, and its stiff thread broke"),
         pytest.param(201, 850610864, id="a puck on one side of the floor determined a long wave too weakly"),
