@@ -2,11 +2,14 @@
 
 import argparse
 import difflib
+import itertools
+import shutil
 import signal
 import sys
+import textwrap
 import threading
 from _thread import interrupt_main
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from typing import TYPE_CHECKING, Any, ClassVar, NoReturn
 
 if TYPE_CHECKING:
@@ -30,6 +33,13 @@ class SentenceParser(argparse.ArgumentParser):
         """
         self._refuse_unknown_options(args[0])
         return super().parse_known_args(*args, **kwargs)
+
+    def format_help(self) -> str:
+        """Return the help text, with no line longer than the terminal is wide; examples and their notes included."""
+        width = shutil.get_terminal_size().columns
+        blocks = itertools.groupby(super().format_help().splitlines(), key=_is_prose)
+        wrapped = (_paragraph(list(lines), width) if prose else _examples(lines, width) for prose, lines in blocks)
+        return "".join(f"{line}\n" for lines in wrapped for line in lines)
 
     def error(self, message: str) -> NoReturn:
         """Raise an error with the message and a pointer to `--help`.
@@ -67,6 +77,33 @@ class SentenceParser(argparse.ArgumentParser):
         if action.nargs == argparse.PARSER:
             raise argparse.ArgumentError(None, f"there is no command {value}{close}")
         raise argparse.ArgumentError(action, f"{value} is none of {', '.join(map(str, action.choices))}{close}")
+
+
+def _is_prose(line: str) -> bool:
+    return bool(line) and not line.startswith(" ")
+
+
+def _paragraph(lines: list[str], width: int) -> list[str]:
+    """Fill a paragraph anew if a line of it is too long."""
+    return lines if max(map(len, lines)) <= width else textwrap.wrap(" ".join(lines), width, break_on_hyphens=False)
+
+
+def _examples(lines: Iterable[str], width: int) -> Iterator[str]:
+    """Put the note of a command that is too long on the next line, and break what is too long even then."""
+    for line in lines:
+        indent = " " * (len(line) - len(line.lstrip()))
+        command, gap, note = line.strip().partition("   ")
+        parts = [line.strip()] if len(line) <= width or not gap else [command, f"    {note.strip()}"]
+        for part in parts:
+            inner = indent + " " * (len(part) - len(part.lstrip()))
+            wrapped = textwrap.wrap(
+                part.strip(), width - len(inner) - 4, break_long_words=False, break_on_hyphens=False
+            )
+            yield from (
+                [line]
+                if len(line) <= width
+                else [f"{inner}{'    ' if number else ''}{text}" for number, text in enumerate(wrapped)]
+            )
 
 
 def did_you_mean(word: str, known: Iterable[str]) -> str:

@@ -490,3 +490,15 @@ def test_a_listed_command_is_declared_by_its_module(name: str, capsys: pytest.Ca
         main([name, "--help"])
     assert end.value.code == 0
     assert capsys.readouterr().out.startswith(f"usage: physment-eval {name} ")
+
+
+@pytest.mark.parametrize("command", ["", "run", "watch", "fork", "models", "play", "compare", "scenes list"])
+def test_no_line_of_a_help_text_is_longer_than_the_terminal(
+    command: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setenv("COLUMNS", "80")
+    with pytest.raises(SystemExit):
+        main([*command.split(), "--help"])
+    lines = capsys.readouterr().out.splitlines()
+    assert len(lines) > 5
+    assert [line for line in lines if len(line) > 80] == []
