@@ -83,7 +83,7 @@ _MARKS = {Verdict.CORRECT: "[green]✓[/]", Verdict.INCORRECT: "[red]✗[/]", Ve
 _MOST_ROWS = 120
 """Largest number of episodes that are listed individually in the terminal."""
 _WIDE = 100
-"""Columns of a terminal from which on the names of scenes are not wrapped at 16 columns."""
+"""Columns of a terminal from which on names of scenes are not wrapped at 16 columns, and are part of the progress."""
 
 
 class ProgressDisplay:
@@ -94,11 +94,12 @@ class ProgressDisplay:
         self._total = total
         self._tally = tally
         self._done = 0
+        self._narrow = console.width < _WIDE
+        # A narrow terminal has no room for everything, and rich would cut the times and the counts.
+        columns = (MofNCompleteColumn(),) if self._narrow else (BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
         self._bar = Progress(
             TextColumn("{task.description}"),
-            BarColumn(),
-            MofNCompleteColumn(),
-            TimeElapsedColumn(),
+            *columns,
             TimeRemainingColumn(),
             TextColumn("{task.fields[state]}"),
             console=console,
@@ -118,7 +119,8 @@ class ProgressDisplay:
 
     def started(self, key: EpisodeKey) -> None:
         """Show the episode that has just started."""
-        self._bar.update(self._task, description=f"scene {self._title(key.scene)}, seed {key.seed}")
+        scene = reference_of(key.scene) if self._narrow else self._title(key.scene)
+        self._bar.update(self._task, description=f"scene {scene}, seed {key.seed}")
 
     def ended(self, episode: Episode) -> None:
         """Count a finished episode, and show the results so far."""

@@ -7,11 +7,13 @@ from collections.abc import Sequence
 import pytest
 from rich.console import Console
 
-from evaluator.commands.terminal import print_results
+from evaluator.answers.keys import KeyRing
+from evaluator.commands.terminal import ProgressDisplay, Tally, print_results
 from evaluator.records.episode import Outcome
 from evaluator.scores.metrics import summarise
 from evaluator.scores.scored_episode import ScoredEpisode
 from evaluator.scores.scoring import GradedRun
+from evaluator.study.meter import Meter
 from tests.builders.records import episode, episode_key, grade, returned, turn
 from tests.builders.scored import scored
 
@@ -56,3 +58,15 @@ def test_answers_and_titles_are_whole_and_reasons_keep_their_words_in_any_termin
     assert sum("35.622, 0.55692" in line for line in table) == 2
     words = re.findall(r"\S+", " ".join(line[table[0].index("reason") :] for line in table[1:]))
     assert words == REASON.split() * 2
+
+
+def test_progress_cuts_neither_counts_nor_times_in_a_terminal_of_80_columns() -> None:
+    console = Console(file=io.StringIO(), width=80, force_terminal=True)
+    tally = Tally(KeyRing(), Meter(), ["random", "constant"], clock=iter(range(100)).__next__)
+    with ProgressDisplay(console, 3150, tally) as display:
+        display.started(episode_key(scene=111))
+        display.ended(episode(turn("", returned("answer")), key=episode_key(scene=111, agent="random"), answer=1.0))
+    assert isinstance(console.file, io.StringIO)
+    shown = re.sub(r"\x1b\[[\d;?]*[A-Za-z]", "", console.file.getvalue())
+    assert "…" not in shown
+    assert re.search(r"scene 111, seed 0 +1/3150 +\S+ random 0/1 right · \d+ episodes/min", shown), shown
