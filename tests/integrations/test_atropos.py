@@ -4,6 +4,7 @@ import json
 import re
 from pathlib import Path
 
+from scenes.splits import splits
 from tests.builders.paths import ROOT
 from tests.integrations.playing import check_same, json_lines, rehearsed, standing
 
@@ -21,21 +22,20 @@ def test_the_environment_of_the_page_collects_groups_as_physment_eval_plays_them
     with standing("atropos", tmp_path) as stand:
         made = stand.run("python", TOKENIZER, tmp_path / "tokenizer")
         assert made.returncode == 0, made.stderr[-2000:]
-        words = [
-            "--env.total_steps",
-            GROUPS,
-            "--env.group_size",
-            EPISODES,
-            "--env.use_wandb",
-            "false",
-            "--env.budget",
-            BUDGET,
-        ]
-        words += ["--env.tokenizer_name", tmp_path / "tokenizer", "--env.data_path_to_save_groups", "groups.jsonl"]
-        words += ["--openai.base_url", f"{stand.model}/v1", "--openai.model_name", "scripted"]
-        done = stand.run("python", "physment_atropos.py", "process", *words, HF_HUB_OFFLINE="1", WANDB_MODE="disabled")
+        words = ["--env.group_size", EPISODES, "--env.use_wandb", "false", "--env.budget", BUDGET]
+        words += ["--env.tokenizer_name", tmp_path / "tokenizer", "--openai.base_url", f"{stand.model}/v1"]
+        words += ["--openai.model_name", "scripted"]
+        collected = ["--env.total_steps", GROUPS, "--env.data_path_to_save_groups", "groups.jsonl"]
+        offline = {"HF_HUB_OFFLINE": "1", "WANDB_MODE": "disabled"}
+        done = stand.run("python", "physment_atropos.py", "process", *words, *collected, **offline)
         assert done.returncode == 0, done.stderr[-3000:]
         episodes = stand.folder.episodes()
+        done = stand.run("python", "physment_atropos.py", "evaluate", *words, "--env.evaluated", 2, **offline)
+        assert done.returncode == 0, done.stderr[-3000:]
+        evaluated = stand.folder.episodes().keys() - episodes.keys()
+    validation = splits()["validation"]
+    assert len(evaluated) == 2
+    assert all(key.scene in validation.scenes and key.seed in validation.seeds for key in evaluated)
     groups = json_lines(tmp_path / "groups.jsonl")
     assert [group["scores"] for group in groups] == [[1.0] * EPISODES] * GROUPS
     assert len(episodes) == GROUPS * EPISODES
