@@ -111,7 +111,9 @@ def durations(value: Any) -> Iterator[float]:
 PROGRAM = ("--max-wall-time", "500", "--", sys.executable, "-c", "print('I know nothing')", "{mcp_url}")
 
 
-@pytest.mark.parametrize(("agent", "more"), [("reference", ()), ("external", PROGRAM)])
+@pytest.mark.parametrize(
+    ("agent", "more"), [pytest.param("reference", (), marks=pytest.mark.extended), ("external", PROGRAM)]
+)
 def test_a_run_whose_wall_clock_jumps_by_an_hour_is_as_any_other(
     tmp_path: Path, agent: str, more: tuple[str, ...]
 ) -> None:

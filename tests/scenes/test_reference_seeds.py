@@ -22,14 +22,19 @@ from tests.harness.fresh_seeds import verdict
         pytest.param(212, 1924654402, id="a wrong mass led the puck into the rim"),
         # An episode of scene 219 takes 10 to 20 s of processor time.
         pytest.param(
-            219, 166530120, id="a wrong mass sent the puck on a leash into the rim", marks=pytest.mark.every_scene
+            219, 166530120, id="a wrong mass sent the puck on a leash into the rim", marks=pytest.mark.extended
         ),
-        pytest.param(219, 364440126, id="the readings determined the force of a leash with a grip too weakly"),
+        pytest.param(
+            219,
+            364440126,
+            id="the readings determined the force of a leash with a grip too weakly",
+            marks=pytest.mark.extended,
+        ),
         pytest.param(
             219,
             3552809915,
             id="the readings determined the force of another leash too weakly",
-            marks=pytest.mark.every_scene,
+            marks=pytest.mark.extended,
         ),
     ],
 )

@@ -73,7 +73,11 @@ def central_interval(chances: list[float], level: float) -> tuple[int, int]:
     return low, high
 
 
-@pytest.mark.parametrize("agent", [BlindAgent(), RandomAgent()], ids=lambda agent: agent.name)
+@pytest.mark.parametrize(
+    "agent",
+    [BlindAgent(), pytest.param(RandomAgent(), marks=pytest.mark.extended)],
+    ids=lambda agent: agent.name,
+)
 async def test_a_guesser_is_right_as_often_as_chance_predicts_over_200_episodes(
     agent: BlindAgent | RandomAgent,
 ) -> None:

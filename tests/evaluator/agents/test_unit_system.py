@@ -74,7 +74,7 @@ def test_factors_follow_from_the_three_base_units() -> None:
         assert size(other) == 1.0
 
 
-@pytest.mark.parametrize("scene", [*SCENES, 28])
+@pytest.mark.parametrize("scene", [*SCENES, pytest.param(28, marks=pytest.mark.extended)])
 async def test_the_reference_is_right_and_makes_the_same_experiment_in_other_units(scene: int) -> None:
     plain = await played(ReferenceAgent(), scene)
     met = Overheard(TranslatedAgent(ReferenceAgent(), Translation((Change.UNITS,), inverse=True)))

@@ -27,7 +27,7 @@ from tests.builders.records import episode, episode_key, returned, turn
 SCENES = [files.scene_id for files in list_packs()]
 EASY_CATEGORIES = {category for category in Category if category.rung is Rung.EASY}
 EASY = [files.scene_id for files in list_packs() if read_pack(files).category in EASY_CATEGORIES]
-PLAYED = [*EASY, *[scene for scene in SCENES if scene not in EASY][::3]]
+PLAYED = [*EASY[::2], *[scene for scene in SCENES if scene not in EASY][::9]]
 """Scenes that the reference plays in `make test`: every easy one, and every third of the others, which take seconds."""
 SEEDS = 4
 
@@ -309,7 +309,9 @@ def test_lint_reports_gaps_in_object_numbers(author: Author) -> None:
     assert any("number them from object_1 on without gaps" in fault for fault in lint(files)), lint(files)
 
 
-@pytest.mark.parametrize("scene", SCENES)
+@pytest.mark.parametrize(
+    "scene", [scene if scene % 3 == 0 else pytest.param(scene, marks=pytest.mark.extended) for scene in SCENES]
+)
 def test_the_stored_key_is_that_of_theory_and_engine_and_the_scene_is_sane(scene: int) -> None:
     files = find_pack(scene)
     subject = Subject.open(files)
@@ -321,7 +323,7 @@ def test_the_stored_key_is_that_of_theory_and_engine_and_the_scene_is_sane(scene
 
 
 @pytest.mark.parametrize(
-    "scene", [scene if scene in PLAYED else pytest.param(scene, marks=pytest.mark.every_scene) for scene in SCENES]
+    "scene", [scene if scene in PLAYED else pytest.param(scene, marks=pytest.mark.extended) for scene in SCENES]
 )
 async def test_the_reference_finds_the_key_through_mcp(scene: int, memory: EpisodeConnector) -> None:
     """Plays only seed 0. `physment-eval verify --all`, which runs each night, plays 20 seeds."""
@@ -333,7 +335,7 @@ async def test_the_reference_finds_the_key_through_mcp(scene: int, memory: Episo
     "scene",
     [
         *SCENES[::30],
-        *[pytest.param(scene, marks=pytest.mark.every_scene) for scene in SCENES[::10] if scene not in SCENES[::30]],
+        *[pytest.param(scene, marks=pytest.mark.extended) for scene in SCENES[::10] if scene not in SCENES[::30]],
     ],
 )
 async def test_twins_and_steps_hold_for_a_sample_of_the_scenes(scene: int, memory: EpisodeConnector) -> None:

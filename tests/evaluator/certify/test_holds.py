@@ -178,6 +178,7 @@ def test_readings_that_contradict_one_another_are_found(author: Author, files: P
 def test_a_catch_that_is_never_sprung_proves_nothing(author: Author, files: PackFiles) -> None:
     beyond = {**LATCH, "sprung": "abs(object_1_x) > 50"}
     author.edit(files, lambda pack: pack.update(catches=[beyond, STOPS]))
+    author.edit(files, lambda pack: pack["limits"].update(lab_time=2))
     assert checked(files, 1).reasons == ("no load springs the latch: its condition is never met",)
 
 
@@ -185,7 +186,7 @@ def test_a_load_that_reaches_the_catch_slowly_stays_for_the_whole_laboratory_tim
     author: Author, files: PackFiles
 ) -> None:
     def slow(pack: dict[str, Any]) -> None:
-        pack["limits"] |= {"force": 0.02, "lab_time": 20}
+        pack["limits"] |= {"force": 0.06, "lab_time": 9}
 
     author.edit(files, slow)
     assert checked(files, 1).passed
@@ -253,6 +254,7 @@ def test_a_pin_is_taken_out_before_the_loads(author: Author, files: PackFiles) -
     def with_a_pin(pack: dict[str, Any]) -> None:
         pack["objects"]["object_3"] = {"name": "pin", "object_id": "3"}
         pack["number_of_objects"] = 3
+        pack["limits"]["lab_time"] = 3
 
     author.edit(files, with_a_pin)
     assert checked(files, 1).reasons == ("no load springs the latch: its condition is never met",)
@@ -280,7 +282,8 @@ def test_a_pack_that_names_a_catch_needs_the_certificate(files: PackFiles, autho
     assert "holds" not in certificates_of(read_pack(files))
 
 
-async def test_the_certificate_is_made_with_the_others(author: Author) -> None:
+async def test_the_certificate_is_made_with_the_others(author: Author, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("evaluator.certify.holds._WORK_US", 1e6)
     files = author.write(Category.HARD_SINGLE)
     tools = dict.fromkeys((*UNBOUNDED, *EDITS), "not here")
 

@@ -156,6 +156,7 @@ def test_twenty_people_play_at_once_and_the_run_is_an_ordinary_one(tmp_path: Pat
     assert main(["calibrate", str(run.path), "--out", str(tmp_path / "calibration")]) in {0, 2}
 
 
+@pytest.mark.extended
 @pytest.mark.skipif(PROGRAM is None, reason="Chromium is not installed, so no page is opened")
 def test_twenty_people_play_at_once_in_browsers_and_report_and_compare_take_the_run(
     tmp_path: Path, host_url: str, capsys: pytest.CaptureFixture[str]

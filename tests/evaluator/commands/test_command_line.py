@@ -298,7 +298,7 @@ def _processes_of_session(folder: Path) -> list[str]:
     return found
 
 
-@pytest.mark.parametrize("after", [1, 23])
+@pytest.mark.parametrize("after", [pytest.param(1, marks=pytest.mark.extended), 23])
 def test_a_killed_run_is_completed_and_no_episode_is_lost_or_recorded_twice(
     tmp_path: Path, host_url: str, after: int
 ) -> None:
@@ -355,7 +355,12 @@ def _whole_lines(folder: Path) -> list[bytes]:
 
 @pytest.mark.parametrize(
     ("how", "background"),
-    [(signal.SIGINT, False), (signal.SIGTERM, False), (signal.SIGTERM, True), (signal.SIGHUP, False)],
+    [
+        (signal.SIGINT, False),
+        (signal.SIGTERM, True),
+        pytest.param(signal.SIGTERM, False, marks=pytest.mark.extended),
+        pytest.param(signal.SIGHUP, False, marks=pytest.mark.extended),
+    ],
 )
 def test_an_interrupted_run_says_how_to_continue_and_leaves_a_usable_folder(
     tmp_path: Path, how: signal.Signals, *, background: bool

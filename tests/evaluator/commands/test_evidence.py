@@ -97,9 +97,10 @@ def test_while_seeds_are_held_back_no_rival_is_named(tmp_path: Path) -> None:
     key.write_text("5a" * 32 + "\n", encoding="utf-8")
     key.chmod(0o600)
     run = tmp_path / "run"
-    words = ("run", "--server", "host", "--agent", "blind", "--agent", "reference", "--scenes", "13")
+    words = ("run", "--server", "host", "--agent", "reference", "--scenes", "13")
     assert physment_eval(*words, "--seed-key", key, "--out", run).returncode == 0
-    assert physment_eval("evidence", run, "--seed-key", key, "--workers", "1").returncode == 0
+    chosen = ("--episodes", "agent=reference", "--workers", "1")
+    assert physment_eval("evidence", run, "--seed-key", key, *chosen).returncode == 0
     rivals = [rival for found in RunFolder(run).evidence().values() for rival in found.rivals]
     assert rivals
     assert all(rival.name.startswith("rival ") for rival in rivals)

@@ -42,8 +42,7 @@ def test_a_world_is_named_where_a_scene_is(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
-    worlds = tmp_path / "w"
-    assert main(["worlds", "make", "--level", "1", "--count", "2", "--out", str(worlds), "--workers", "1"]) == 0
+    worlds = write_worlds(tmp_path / "w", (0, 1))
     folder = ["--scenes-dir", str(worlds)]
     assert main(["scenes", "show", "world:1:1", *folder]) == 0
     assert "Find out enough to answer three questions" in capsys.readouterr().out
@@ -116,7 +115,7 @@ def test_worlds_of_a_split_are_made_published_selected_and_exported(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
-    worlds, folder = tmp_path / "w", ["--scenes-dir", str(tmp_path / "w")]
+    worlds, folder = write_worlds(tmp_path / "w", (0, 1)), ["--scenes-dir", str(tmp_path / "w")]
     make = ["worlds", "make", "--level", "1", "--workers", "1", "--out", str(worlds)]
     assert main([*make, "--count", "3"]) == 0
     assert main([*make, "--count", "1", "--split", "test"]) == 0

@@ -10,9 +10,10 @@ from evaluator.commands.program import main
 from evaluator.records.episode import Verdict
 from evaluator.store.run_folder import RunFolder
 from scenes.worlds.records import lines_file
+from tests.builders.worlds import write_worlds
 
 Made = Callable[..., Path]
-"""Makes two worlds of level 1, with further options of `worlds make`."""
+"""Returns a folder with two worlds of level 1, made with further options of `worlds make`."""
 
 
 @pytest.fixture(autouse=True)
@@ -22,7 +23,7 @@ def _own_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:  # pyri
 
 @pytest.fixture(scope="module")
 def make(tmp_path_factory: pytest.TempPathFactory) -> Made:
-    kept: dict[tuple[str, ...], Path] = {}
+    kept: dict[tuple[str, ...], Path] = {(): write_worlds(tmp_path_factory.mktemp("worlds"), (0, 1))}
 
     def made(*options: str) -> Path:
         if options not in kept:

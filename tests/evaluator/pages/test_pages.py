@@ -340,7 +340,7 @@ def drawn(*wanted: tuple[Path, int, int]) -> list[np.ndarray]:
 
 
 def test_a_picture_of_exact_instruments_is_the_same_for_every_seed() -> None:
-    scenes = (7, 17, 21)
+    scenes = (7, 17)
     pictures = drawn(*((default_folder(), scene, seed) for scene in scenes for seed in (0, 1)))
     for place, scene in enumerate(scenes):
         first, other = pictures[2 * place : 2 * place + 2]

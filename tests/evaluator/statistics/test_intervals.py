@@ -111,7 +111,13 @@ def test_the_interval_contains_the_share_and_lies_between_0_and_1(sizes: list[in
 
 @pytest.mark.parametrize(
     ("scenes", "seeds", "accuracy", "correlation"),
-    [(105, 5, 0.3, 0.5), (105, 20, 0.8, 0.3), (105, 3, 0.5, 0.9), (35, 5, 0.6, 0.5), (15, 5, 0.5, 0.5)],
+    [
+        pytest.param(105, 5, 0.3, 0.5, marks=pytest.mark.extended),
+        pytest.param(105, 20, 0.8, 0.3, marks=pytest.mark.extended),
+        (105, 3, 0.5, 0.9),
+        (35, 5, 0.6, 0.5),
+        (15, 5, 0.5, 0.5),
+    ],
 )
 def test_the_95_per_cent_interval_has_a_coverage_of_93_to_97(
     scenes: int, seeds: int, accuracy: float, correlation: float

@@ -52,7 +52,12 @@ def test_if_all_scenes_agree_the_interval_allows_for_unseen_scenes() -> None:
 
 @pytest.mark.parametrize(
     ("scenes", "seeds", "first", "second"),
-    [(105, 1, 0.4, 0.55), (105, 5, 0.9, 0.9), (35, 5, 0.5, 0.6), (15, 5, 0.4, 0.6)],
+    [
+        pytest.param(105, 1, 0.4, 0.55, marks=pytest.mark.extended),
+        pytest.param(105, 5, 0.9, 0.9, marks=pytest.mark.extended),
+        (35, 5, 0.5, 0.6),
+        (15, 5, 0.4, 0.6),
+    ],
 )
 def test_the_95_per_cent_interval_of_a_difference_has_a_coverage_of_93_to_97(
     scenes: int, seeds: int, first: float, second: float

@@ -31,7 +31,14 @@ def children_of(parent: int) -> list[int]:
 
 
 @pytest.mark.parametrize(
-    "how", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGKILL], ids=lambda how: how.name
+    "how",
+    [
+        signal.SIGINT,
+        signal.SIGKILL,
+        pytest.param(signal.SIGTERM, marks=pytest.mark.extended),
+        pytest.param(signal.SIGHUP, marks=pytest.mark.extended),
+    ],
+    ids=lambda how: how.name,
 )
 async def test_nothing_is_left_behind(tmp_path: Path, how: signal.Signals) -> None:
     note = tmp_path / "note"

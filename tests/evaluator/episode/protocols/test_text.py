@@ -17,7 +17,7 @@ STEP_TEXT = '{"tool": "step", "parameters": {"duration": 0.5}}'
 LOOK_TEXT = '{"tool": "get_position", "parameters": {"object_id": "object_1"}}'
 ANSWER_TEXT = '{"tool": "answer", "parameters": {"answer": "2"}}'
 
-NAMES = st.from_regex(r"[a-z_]{1,12}", fullmatch=True)
+NAMES = st.text("abcxyz_", min_size=1, max_size=12)
 JSON = st.recursive(
     st.none()
     | st.booleans()
@@ -25,10 +25,12 @@ JSON = st.recursive(
     | st.floats(allow_nan=False, allow_infinity=False)
     # A reply is valid Unicode text, without lone surrogates.
     | st.text(st.characters(codec="utf-8"), max_size=12),
-    lambda inner: st.lists(inner, max_size=4) | st.dictionaries(NAMES, inner, max_size=4),
-    max_leaves=10,
+    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(NAMES, inner, max_size=3),
+    max_leaves=6,
 )
-CALLS = st.lists(st.builds(ToolCall, tool=NAMES, arguments=st.dictionaries(NAMES, JSON, max_size=4)), min_size=1)
+CALLS = st.lists(
+    st.builds(ToolCall, tool=NAMES, arguments=st.dictionaries(NAMES, JSON, max_size=3)), min_size=1, max_size=3
+)
 PROSE = st.text(st.characters(codec="utf-8", exclude_characters="{}[]`<>"), max_size=200)
 
 
