@@ -29,7 +29,7 @@ PRIVILEGED = ("evaluator/certify", "evaluator/answers/engine.py")
 ONLY_THERE = {
     "mujoco": ("physment_mcp/world", "evaluator/certify"),
     "inspect_ai": (),
-    "opentelemetry": ("evaluator/episode/tracing.py", "evaluator/commands/telemetry.py"),
+    "opentelemetry": ("evaluator/episode/tracing.py", "evaluator/commands/playing.py"),
     "pyarrow": ("evaluator/report/parquet.py",),
     "pydantic_ai": ("evaluator/agents/models",),
     "matplotlib": ("evaluator/report/figures.py",),

@@ -9,7 +9,7 @@ from evaluator.answers.grading import infer_spec, listed_numbers
 from evaluator.answers.laws import TrueLaw
 from evaluator.answers.strict import AnswerKey
 from evaluator.errors import UsageError
-from evaluator.records.seed_key import SeedOf, seed_as_recorded
+from evaluator.records.run import SeedOf, seed_as_recorded
 from scenes import (
     Erratum,
     LabLimits,

@@ -21,8 +21,7 @@ from evaluator.certify.parallel import in_processes
 from evaluator.certify.records import Check, check, still_proven
 from evaluator.errors import StoreError
 from evaluator.records.episode import Record, is_absent
-from evaluator.records.run import SeedProofs
-from evaluator.records.seed_key import SeedOf, seed_as_recorded
+from evaluator.records.run import SeedOf, SeedProofs, seed_as_recorded
 from evaluator.store.durable import append_line
 from scenes import PackFiles, default_folder, is_world, pack_hash, reference_of
 

@@ -20,11 +20,11 @@ from evaluator.commands.challenge_people import (
     Challenge,
     Person,
     read_challenge,
+    remove_person,
     with_tokens,
     write_challenge,
     write_links,
 )
-from evaluator.commands.challenge_removal import remove_person
 from evaluator.commands.challenge_session import AGENT, RunningChallenge, remaining_of
 from evaluator.commands.finishing import finish
 from evaluator.commands.human_episode import kept_if_used
@@ -35,8 +35,7 @@ from evaluator.errors import InfrastructureError, UsageError
 from evaluator.records.run import AdaptivePlan, Plan, RunRecord, ServerRecord
 from evaluator.scores.scoring import strict_verdict
 from evaluator.store.run_folder import RunFolder
-from evaluator.study.provenance import played_worlds
-from evaluator.study.run_start import continued, run_record, server_record
+from evaluator.study.run_start import continued, played_worlds, run_record, server_record
 from evaluator.study.selection import parse_numbers, parse_scenes
 from scenes import PackFiles, find_pack
 

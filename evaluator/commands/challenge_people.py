@@ -1,20 +1,24 @@
 """Files about the participants of a challenge: their codes, the hashes of their links, and when they consented.
 
-They contain no names.
+They contain no names. `challenge --forget` deletes the episodes of one person and everything derived from them.
 """
 
 import csv
 import io
 import os
+import shutil
 from collections.abc import Iterable
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Literal, Self
 
 from pydantic import Field, ValidationError
+from rich.console import Console
 
 from evaluator.agents.browser.app import hash_of
+from evaluator.answers.keys import KeyRing
 from evaluator.commands.base import page_token
+from evaluator.commands.finishing import finish
 from evaluator.errors import StoreError, UsageError, reason_of
 from evaluator.records.episode import Record
 from evaluator.store.run_folder import RunFolder
@@ -180,3 +184,55 @@ def _stored_rows(file: Path) -> list[tuple[str, str]]:
         return [(f"{int(code):0{len(code)}}", link) for code, link in rows]
     except (OSError, ValueError) as error:
         raise StoreError(f"{file} is no table of links; remove it to give everyone a new link") from error
+
+
+_RECORDS = {"run.json", "challenge.json", "episodes.jsonl"}
+_DERIVED = {
+    *(
+        "grades.jsonl",
+        "summary.json",
+        "report.html",
+        "report_episodes",
+        "films",
+        "film.js",
+        "webp",
+        "figures",
+        "frames",
+    ),
+    *("evidence.jsonl", "exchanges.parquet", "inspect", "seal.json", "running.json", "episodes.jsonl.torn"),
+}
+"""Files and folders that are derived from the records and can be made again."""
+_DERIVED_NAMES = ("grades.*.jsonl", "tables*.csv", "tables.*", "evidence.jsonl.torn")
+
+
+def remove_person(folder: RunFolder, challenge: Challenge, code: str, keys: KeyRing, console: Console) -> None:
+    """Delete the episodes of a person and all files derived from episodes; then grade the remaining episodes again.
+
+    Raises:
+        UsageError: No participant has this code.
+        StoreError: The challenge is running, or a file cannot be written.
+    """
+    person = challenge.person(code)
+    with folder.held():
+        removed = folder.keep_episodes(lambda key: key.epoch != person.number)
+        for name in sorted(_DERIVED):
+            _remove(folder.path / name)
+        for pattern in _DERIVED_NAMES:
+            for file in folder.path.glob(pattern):
+                _remove(file)
+        challenge = challenge.changed(person.model_copy(update={"token_sha256": "", "agreed_at": None}))
+        write_challenge(folder, challenge)
+        remove_link(folder, challenge.code(person.number))
+    console.print(f"deleted what {challenge.code(person.number)} did: {removed} records; the link leads nowhere now")
+    others = sorted({file.name for file in folder.path.iterdir()} - _RECORDS)
+    if others:
+        console.print(f"look yourself at what else is in {folder.path}: {', '.join(others)}", soft_wrap=True)
+    if folder.episodes():
+        finish(folder, keys, console, as_json=False)
+
+
+def _remove(path: Path) -> None:
+    if path.is_symlink() or path.is_file():
+        path.unlink()
+    elif path.is_dir():
+        shutil.rmtree(path)

@@ -25,7 +25,7 @@ from evaluator.store import durable
 from evaluator.store.run_folder import RunFolder
 from evaluator.study.forking import CONDITIONS, meeting
 from evaluator.study.integrity import seeds_of
-from evaluator.study.provenance import refuse_other_worlds
+from evaluator.study.run_start import refuse_other_worlds
 
 _FILMS_EACH = 8
 """Smallest number of films per worker process, because starting a process takes about a second."""

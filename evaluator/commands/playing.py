@@ -1,14 +1,18 @@
-"""Plays a prepared run, grades it and writes its report. Used by `run` and `fork`."""
+"""Plays a prepared run, grades it, writes its report, and exports its spans (`--otel`). Used by `run` and `fork`."""
 
 import contextlib
 import functools
 import os
 import sys
-from collections.abc import AsyncGenerator, Mapping
+from collections.abc import AsyncGenerator, Generator, Mapping
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
+from importlib import import_module
+from importlib.metadata import version
+from importlib.util import find_spec
 from pathlib import Path
 
+from opentelemetry.trace import set_tracer_provider
 from rich.console import Console
 
 from evaluator.answers.keys import KeyRing
@@ -16,7 +20,6 @@ from evaluator.calibration.adaptive import DifficultyTable
 from evaluator.commands.adaptive import play_adaptively
 from evaluator.commands.base import run_async
 from evaluator.commands.finishing import finish
-from evaluator.commands.telemetry import exporting_spans
 from evaluator.commands.terminal import ProgressDisplay, Tally
 from evaluator.episode.connect import EpisodeConnector, connect
 from evaluator.episode.hosts import HostConnector
@@ -27,13 +30,11 @@ from evaluator.records.run import ForkedRun, Plan, RunRecord, SeedProofs
 from evaluator.store.redaction import Redaction
 from evaluator.store.run_folder import RunFolder
 from evaluator.study.integrity import Sealing
-from evaluator.study.meter import Meter
 from evaluator.study.process_executor import process_workers, usual_workers
-from evaluator.study.provenance import played_worlds
 from evaluator.study.ray_executor import ray_workers
 from evaluator.study.run_config import RunConfig
-from evaluator.study.run_start import continued, run_record, server_record
-from evaluator.study.runner import LocalPlay, Play, Runner, missing
+from evaluator.study.run_start import continued, played_worlds, run_record, server_record
+from evaluator.study.runner import LocalPlay, Meter, Play, Runner, missing
 from evaluator.study.shards import WHOLE
 from scenes import ErratumEffect
 
@@ -195,3 +196,43 @@ async def _executor(run: PreparedRun, laboratory: EpisodeConnector, record: RunR
     start = ray_workers if config.executor == "ray" else functools.partial(process_workers, count=count)
     async with start(config, run.participants, record) as play:
         yield play
+
+
+EXTRA = "physment-mcp[otel]"
+
+
+def require_otel() -> None:
+    """Check that the exporter is installed, without importing it.
+
+    Raises:
+        UsageError: The exporter is not installed.
+    """
+    names = ("opentelemetry.sdk", "opentelemetry.exporter.otlp.proto.http")
+    try:
+        found = all(find_spec(name) is not None for name in names)
+    except ModuleNotFoundError:
+        found = False
+    if not found:
+        raise UsageError(
+            f"--otel needs the SDK and the exporter of OpenTelemetry, which are not installed: pip install '{EXTRA}'"
+        )
+
+
+@contextlib.contextmanager
+def exporting_spans() -> Generator[None]:
+    """Export spans while the context is open; flush them when it closes.
+
+    The `OTEL_…` environment variables of OpenTelemetry configure endpoint, headers and sampling.
+    """
+    require_otel()
+    sdk, export = import_module("opentelemetry.sdk.trace"), import_module("opentelemetry.sdk.trace.export")
+    resource = import_module("opentelemetry.sdk.resources").Resource
+    exporter = import_module("opentelemetry.exporter.otlp.proto.http.trace_exporter").OTLPSpanExporter
+    described = resource.create({"service.name": "physment-eval", "service.version": version("physment-mcp")})
+    provider = sdk.TracerProvider(resource=described)
+    provider.add_span_processor(export.BatchSpanProcessor(exporter()))
+    set_tracer_provider(provider)
+    try:
+        yield
+    finally:
+        provider.shutdown()

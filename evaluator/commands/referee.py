@@ -33,8 +33,7 @@ from evaluator.commands.base import (
 from evaluator.episode.connect import connect
 from evaluator.episode.hosts import HostConnector
 from evaluator.errors import InfrastructureError, UsageError
-from evaluator.records.run import Plan
-from evaluator.records.seed_key import SeedKey, seed_as_recorded
+from evaluator.records.run import Plan, SeedKey, seed_as_recorded
 from evaluator.referee.episodes import Referee
 from evaluator.referee.requests import app
 from evaluator.store.redaction import Redaction

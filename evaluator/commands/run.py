@@ -18,16 +18,14 @@ from evaluator.certify.records import engine_note
 from evaluator.certify.seed_proofs import SeedProver, Variant
 from evaluator.commands.adaptive import adaptive_config
 from evaluator.commands.base import Commands, run_async
-from evaluator.commands.playing import PreparedRun, create_folder, play_run
+from evaluator.commands.playing import PreparedRun, create_folder, play_run, require_otel
 from evaluator.commands.run_options import add_options, read_options
-from evaluator.commands.telemetry import require_otel
 from evaluator.errors import UsageError
 from evaluator.records.episode import EpisodeKey
 from evaluator.records.run import SEED_SHIFT, AdaptivePlan, Plan, SeedProofs
-from evaluator.study.meter import Meter
-from evaluator.study.participants import participants_of
 from evaluator.study.ray_executor import require_ray
-from evaluator.study.run_config import RunConfig
+from evaluator.study.run_config import RunConfig, participants_of
+from evaluator.study.runner import Meter
 from evaluator.study.shards import WHOLE, Shard
 from scenes import USUAL_TIMESTEP_S, PackError, PackFiles, default_folder, timestep_of
 

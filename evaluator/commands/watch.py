@@ -10,7 +10,7 @@ import uvicorn
 
 from evaluator.answers.keys import KeyRing
 from evaluator.commands.base import Commands, listening, open_page, page_token, port, run_async, seed_key
-from evaluator.records.seed_key import seed_as_recorded
+from evaluator.records.run import seed_as_recorded
 from evaluator.store.run_folder import RunFolder
 from evaluator.study.integrity import is_withheld, seeds_of
 from evaluator.watch.app import app

@@ -29,7 +29,7 @@ from evaluator.episode.broken_connection import first_error, own_error, reason, 
 from evaluator.episode.passed_sockets import AVAILABLE, ControlSocket, Messages, passed
 from evaluator.episode.toolbox import Toolboxes
 from evaluator.errors import EvaluatorError, InfrastructureError, ServerFull, UsageError
-from evaluator.records.seed_key import SeedOf, seed_as_recorded
+from evaluator.records.run import SeedOf, seed_as_recorded
 
 CALL_TIMEOUT_S = 300.0
 """A call that takes longer counts as a failure of the server [s]."""

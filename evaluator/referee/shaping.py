@@ -7,7 +7,7 @@ from pathlib import Path
 from evaluator.certify.evidence import measured
 from evaluator.certify.subject import Subject
 from evaluator.records.episode import Episode
-from evaluator.records.seed_key import SeedOf
+from evaluator.records.run import SeedOf
 from scenes import PackError, find_pack
 
 _LEAST, _MOST = 1e-3, 1e2

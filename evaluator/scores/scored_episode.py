@@ -6,11 +6,10 @@ from evaluator.answers.rewards import Chance
 from evaluator.records.episode import Episode, EpisodeKey, Grade, GradeRecord, Verdict
 from evaluator.records.evidence import EvidenceRecord, EvidenceVerdict, evidence_verdict
 from evaluator.scores.dimensions import EpisodeScores, ExperimentCost
-from evaluator.scores.errata import is_withdrawn
 from evaluator.scores.failures.findings import Failure
 from evaluator.scores.grounding import Grounding
 from evaluator.scores.grouping import rung
-from evaluator.scores.summaries import MeasuredEpisode, StatedEpisode
+from evaluator.scores.summaries import MeasuredEpisode, StatedEpisode, is_withdrawn
 from scenes import Erratum, Rung, reference_of
 
 

@@ -8,7 +8,7 @@ from pydantic import ValidationError
 
 from evaluator.errors import StoreError, UsageError, reason_of
 from evaluator.records.episode import FORMAT, Record
-from evaluator.records.seed_key import SeedKey, SeedOf, seed_as_recorded
+from evaluator.records.run import SeedKey, SeedOf, seed_as_recorded
 from evaluator.store.run_folder import RunFolder
 from evaluator.store.seal import Seal
 

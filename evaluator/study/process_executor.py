@@ -25,8 +25,7 @@ from evaluator.episode.loop import Participant
 from evaluator.errors import PermanentFailure, UsageError
 from evaluator.records.episode import Episode, EpisodeKey, Versions
 from evaluator.records.run import RunRecord
-from evaluator.study.participants import EXTERNAL
-from evaluator.study.run_config import RunConfig
+from evaluator.study.run_config import EXTERNAL, RunConfig
 from evaluator.study.runner import Play
 from evaluator.study.worker_process import ProcessChannel
 from evaluator.study.workers import Crash, EpisodeWorker, Terms, WorkerLost, Workers, WorkerSlot, lanes_of, shares

@@ -21,8 +21,7 @@ from evaluator.episode.loop import Participant
 from evaluator.errors import PermanentFailure, UsageError
 from evaluator.records.episode import Episode, EpisodeKey, Versions
 from evaluator.records.run import RunRecord
-from evaluator.study.participants import participants_of
-from evaluator.study.run_config import RunConfig
+from evaluator.study.run_config import RunConfig, participants_of
 from evaluator.study.runner import MAX_ATTEMPTS, Play, play_key, unplayed
 from scenes import find_pack, reference_of, same_pack
 

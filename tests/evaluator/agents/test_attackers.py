@@ -13,8 +13,7 @@ from evaluator.certify.verify import MemoryConnector
 from evaluator.episode.loop import play_episode
 from evaluator.errors import UsageError
 from evaluator.records.episode import Outcome
-from evaluator.study.participants import AGENTS, participants_of
-from evaluator.study.run_config import RunConfig
+from evaluator.study.run_config import AGENTS, RunConfig, participants_of
 from scenes import Category, PackFiles, find_pack
 from scenes.protocol import AnswerValue
 from tests.builders.author import Author

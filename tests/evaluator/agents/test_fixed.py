@@ -2,11 +2,10 @@
 
 import pytest
 
-from evaluator.agents.scripted import BatchAgent, ConstantAgent, best_constant
+from evaluator.agents.reference import BatchAgent, ConstantAgent, best_constant
 from evaluator.episode.player import Briefing
 from evaluator.errors import AgentError
-from evaluator.study.participants import participants_of
-from evaluator.study.run_config import RunConfig
+from evaluator.study.run_config import RunConfig, participants_of
 from scenes.answer_spec import AnswerKind, AnswerSpec
 from tests.builders.records import episode_key
 

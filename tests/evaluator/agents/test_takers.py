@@ -12,8 +12,7 @@ from evaluator.episode.loop import play_episode
 from evaluator.episode.player import Feedback, Reply
 from evaluator.errors import AgentError, UsageError
 from evaluator.records.episode import Episode, Exchange, ToolCall
-from evaluator.study.participants import participants_of
-from evaluator.study.run_config import RunConfig
+from evaluator.study.run_config import RunConfig, participants_of
 from scenes import default_folder
 from scenes.protocol import Member, Protocol, answer, call
 from tests.builders.records import VERSIONS, episode_key

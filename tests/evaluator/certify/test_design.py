@@ -18,8 +18,7 @@ from evaluator.episode.loop import play_episode
 from evaluator.errors import AgentError
 from evaluator.records.episode import Episode, EpisodeKey, Outcome, Verdict, Versions
 from evaluator.records.evidence import EvidenceVerdict, evidence_verdict
-from evaluator.study.participants import participants_of
-from evaluator.study.run_config import RunConfig
+from evaluator.study.run_config import RunConfig, participants_of
 from scenes import find_pack
 from scenes.protocol import call
 

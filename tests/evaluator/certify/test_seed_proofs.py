@@ -13,8 +13,7 @@ from evaluator.commands.program import main
 from evaluator.commands.run import prove_seeds
 from evaluator.episode.hosts import HostConnector
 from evaluator.errors import RefusedRequest, UsageError
-from evaluator.records.run import Plan, RunRecord, ServerRecord
-from evaluator.records.seed_key import SeedKey
+from evaluator.records.run import Plan, RunRecord, SeedKey, ServerRecord
 from evaluator.referee.contract import WantedEpisode
 from evaluator.referee.episodes import Referee
 from evaluator.referee.requests import app

@@ -15,8 +15,7 @@ from evaluator.answers.keys import KeyRing
 from evaluator.episode.hosts import HostConnector, mcp_client
 from evaluator.episode.loop import play_episode
 from evaluator.errors import RefusedRequest
-from evaluator.records.run import Plan, RunRecord, ServerRecord
-from evaluator.records.seed_key import SeedKey, SeedOf, seed_as_recorded
+from evaluator.records.run import Plan, RunRecord, SeedKey, SeedOf, ServerRecord, seed_as_recorded
 from evaluator.referee.contract import Variant, WantedEpisode
 from evaluator.referee.episodes import Referee
 from evaluator.referee.requests import app

@@ -16,7 +16,7 @@ from evaluator.episode.connect import ProcessConnector
 from evaluator.episode.hosts import HostConnector
 from evaluator.errors import InfrastructureError
 from evaluator.records.episode import Verdict
-from evaluator.records.seed_key import SeedKey
+from evaluator.records.run import SeedKey
 from evaluator.store.run_folder import RunFolder
 
 KEY = "0f" * 32

@@ -15,9 +15,8 @@ from evaluator.records.episode import Outcome
 from evaluator.records.run import Plan, ServerRecord
 from evaluator.store.run_folder import RunFolder
 from evaluator.study import process_executor
-from evaluator.study.participants import participants_of
 from evaluator.study.process_executor import process_workers, usual_workers
-from evaluator.study.run_config import RunConfig
+from evaluator.study.run_config import RunConfig, participants_of
 from evaluator.study.run_start import run_record
 from scenes import find_pack
 from tests.builders.records import episode_key

@@ -9,7 +9,7 @@ import anyio
 import pytest
 from mcp import Client
 
-from evaluator.agents.scripted import ScriptedAgent
+from evaluator.agents.reference import ScriptedAgent
 from evaluator.answers.grading import grade_missing
 from evaluator.episode.connect import EpisodeConnector
 from evaluator.episode.hosts import HostConnector
@@ -19,8 +19,7 @@ from evaluator.errors import AgentError, InfrastructureError, PermanentFailure, 
 from evaluator.records.episode import Episode, EpisodeKey, Outcome, Usage, Verdict
 from evaluator.records.run import Plan
 from evaluator.store.run_folder import RunFolder
-from evaluator.study.meter import Limits, Meter
-from evaluator.study.runner import MAX_ATTEMPTS, LocalPlay, Runner, missing
+from evaluator.study.runner import MAX_ATTEMPTS, Limits, LocalPlay, Meter, Runner, missing
 from physment_mcp import open_episode
 from tests.builders.records import ANSWER, STEP, VERSIONS, answer
 

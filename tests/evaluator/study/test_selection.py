@@ -7,8 +7,7 @@ import pytest
 
 from evaluator.commands.program import main
 from evaluator.errors import UsageError
-from evaluator.study.participants import participants_of
-from evaluator.study.run_config import RunConfig
+from evaluator.study.run_config import RunConfig, participants_of
 from evaluator.study.selection import parse_numbers, parse_scenes
 from scenes import find_pack, list_packs
 

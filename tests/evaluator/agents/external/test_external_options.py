@@ -10,7 +10,7 @@ from evaluator.agents.external.agent import ExternalAgent
 from evaluator.commands.program import Parser
 from evaluator.commands.run_options import add_options, read_options
 from evaluator.errors import UsageError
-from evaluator.study.participants import participants_of
+from evaluator.study.run_config import participants_of
 
 
 def parsed(*words: str) -> argparse.Namespace:

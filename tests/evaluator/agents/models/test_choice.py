@@ -10,7 +10,7 @@ import pytest
 from evaluator.agents.models.choice import PRESETS, PROVIDERS, Dialect, Options, find_provider, missing, parse_model
 from evaluator.agents.models.clients import settings_sent
 from evaluator.errors import UsageError
-from evaluator.study.participants import model_participant
+from evaluator.study.run_config import model_participant
 
 KEY = "sk-a-key-that-must-not-show"
 ENVIRON = {name: KEY for provider in PROVIDERS for name in provider.key_variables}
@@ -166,7 +166,7 @@ def test_without_the_extra_the_command_says_what_to_install() -> None:
 
 def test_the_command_line_loads_no_client_of_a_provider() -> None:
     code = (
-        "import sys, evaluator.commands.program, evaluator.study.participants;"
+        "import sys, evaluator.commands.program, evaluator.study.run_config;"
         "sys.exit(any(m in sys.modules for m in ('pydantic_ai', 'openai', 'anthropic', 'google.genai', 'mujoco')))"
     )
     assert subprocess.run([sys.executable, "-c", code], check=False, timeout=300).returncode == 0

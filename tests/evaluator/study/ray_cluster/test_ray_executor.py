@@ -122,7 +122,7 @@ def test_what_a_node_lacks_is_reported_in_one_sentence(cluster: Any, tmp_path: P
 
 NOBODY = """
 import anyio
-from evaluator.study.participants import participants_of
+from evaluator.study.run_config import participants_of
 from evaluator.study.run_config import RunConfig
 from evaluator.study.run_start import run_record
 from evaluator.study.ray_executor import ray_workers
