@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from evaluator.certify.probing import NotMeasurable
 from evaluator.certify.subject import Draw, Subject
+from evaluator.records.evidence import CERTAIN, SUFFICIENT
 from physment_mcp.errors import SceneError
 from scenes import KnobValue, Scalar, drawn_mjcf
 from scenes.draw import evaluate
@@ -119,6 +120,47 @@ class Constants:
         variance = np.einsum("pi,ij,pj->p", gradient, np.linalg.inv(fisher), gradient)
         return [float(bound) for bound in np.sqrt(np.maximum(variance, 0.0)) / tolerance]
 
+    def steps(self, fisher: Array) -> Array:
+        """Return shifts of the constants by one standard error of each requested number (numbers, constants).
+
+        Of all shifts that the readings distinguish equally well from none, such a shift changes the number most. If no
+        number is requested, the only shift is one standard error in the least determined direction.
+        """
+        _, gradient, _ = self._asked
+        if not self.names:
+            return np.zeros((0, 0))
+        covariance = np.linalg.inv(fisher)
+        if not len(gradient):
+            variances, axes = np.linalg.eigh(covariance)
+            return (axes[:, -1] * np.sqrt(variances[-1]))[None]
+        along = gradient @ covariance
+        errors = np.sqrt(np.einsum("pi,pi->p", along, gradient))
+        return along / np.where(errors > 0, errors, 1.0)[:, None]
+
+    def unpredicted(self, shift: Mapping[str, float], further: Array, fisher: Array) -> list[float]:
+        """Return the non-linearity of each requested number over a shift, divided by its bound.
+
+        Args:
+            shift: Continuous constant → share of its range by which it is shifted.
+            further: Shift that has the same effect on the readings as the non-linear part of `shift`.
+            fisher: Fisher information on the continuous constants, which determines the bounds.
+        """
+        parts, gradient, tolerance = self._asked
+        if not parts:
+            return []
+        found = self.answer(shift)
+        linear = gradient @ (np.array(list(shift.values())) + further)
+        actual = np.array([float(found[part]) - float(self.key[part]) for part in parts])
+        bounds = np.maximum(self.bounds(fisher), 1e-12)
+        return list(np.abs(actual - linear) / tolerance / bounds)
+
+    def are_known(self, fisher: Array) -> bool:
+        """Return whether the answer is precise enough, and its choices certain enough, for the evidence to suffice."""
+        if max(self.bounds(fisher), default=0.0) > SUFFICIENT:
+            return False
+        chance = self.choice_probability(fisher)
+        return chance is None or chance >= CERTAIN
+
     def choice_probability(self, fisher: Array) -> float | None:
         """Return the probability of the right choice, given the readings; None if only numbers are asked for."""
         if len(self._asked[0]) == len(self.key):
@@ -129,7 +171,7 @@ class Constants:
         normal = np.random.default_rng(0).standard_normal((_SAMPLES, len(self.names)))
         right = 0
         for row in normal @ root.T:
-            found = self.answer(self._within(row))
+            found = self.answer(self.within(row))
             right += all(
                 str(got) == str(want)
                 for part, (got, want) in enumerate(zip(found, self.key, strict=True))
@@ -137,7 +179,7 @@ class Constants:
             )
         return right / _SAMPLES
 
-    def _within(self, shifts: Sequence[float]) -> dict[str, float]:
+    def within(self, shifts: Sequence[float] | Array) -> dict[str, float]:
         """Clip shifts so that every constant stays in its range."""
         kept: dict[str, float] = {}
         for name, shift in zip(self.names, shifts, strict=True):

@@ -24,13 +24,12 @@ from evaluator.agents.attackers.controls import all_controls, wait
 from evaluator.agents.attackers.readings import Opening, motion_calls, read_opening
 from evaluator.agents.reference import ProtocolPlayer
 from evaluator.certify.constants import Constants, shifted, span
-from evaluator.certify.evidence import PRIOR, whitening
+from evaluator.certify.information import PRIOR, whitening
 from evaluator.certify.probing import Array, NotMeasurable, Read, Replay, joined, numbers
 from evaluator.certify.subject import Subject
 from evaluator.episode.player import Briefing
 from evaluator.errors import AgentError
 from evaluator.records.episode import EpisodeKey
-from evaluator.records.evidence import CERTAIN, SUFFICIENT
 from physment_mcp.errors import SceneError
 from scenes import AnswerKind, KnobValue, PackError, find_pack
 from scenes.pack import Knob
@@ -139,9 +138,7 @@ class Design:
         best = self.constants(self.estimates[0])
         if any(not self.subject.agrees(self.constants(one).key, best.key) for one in self.estimates[1:]):
             return False
-        fisher = _Survey.of(self, self.estimates[0]).fisher
-        chance = best.choice_probability(fisher)
-        return max(best.bounds(fisher), default=0.0) <= SUFFICIENT and (chance is None or chance >= CERTAIN)
+        return best.are_known(_Survey.of(self, self.estimates[0]).fisher)
 
     def answer(self) -> AnswerValue:
         """Return the answer at the present estimate."""

@@ -23,7 +23,7 @@ import anyio
 import numpy as np
 
 from evaluator.certify.constants import Constants
-from evaluator.certify.evidence import information
+from evaluator.certify.information import information
 from evaluator.certify.parallel import in_processes
 from evaluator.certify.probing import NotMeasurable
 from evaluator.certify.subject import Subject

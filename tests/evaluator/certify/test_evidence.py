@@ -209,3 +209,53 @@ def test_a_theory_that_fails_beside_the_drawn_values_leaves_the_episode_unmeasur
     solution = replace(subject.solution, theory=lambda knobs: 1 / (knobs["m"] == drawn))
     broken = Subject(subject.files, subject.pack, solution, subject.spec)
     assert "cannot be computed beside the drawn values" in measured(broken, SEED, episode, "").not_measurable
+
+
+@pytest.fixture
+def ridge(tmp_path: Path) -> Callable[[list[float]], tuple[Subject, Episode]]:
+    """Plays readings of a puck on an unstable equilibrium; the growth rate is 1/s and the laboratory ends at ±1 m."""
+
+    def play(waits: list[float]) -> tuple[Subject, Episode]:
+        look = 'call("get_position", object_id="object_1")'
+        waiting = "".join(f', call("step", duration={wait}), {look}' for wait in waits)
+        knobs: dict[str, object] = {"top": {"canonical": 0.0, "uniform": [-1.0, 1.0]}}
+        balance = 'call("apply_force", object_id="object_1", force_vector=[TOP, 0, 0])'
+        written(tmp_path, balance + waiting, knobs, "knobs['top'] + 3", 3.0, "number")
+        place = tmp_path / "Scene900"
+        rail = '<joint name="rail" type="slide" axis="1 0 0" stiffness="-1" range="-1 1" limited="true"/>'
+        xml = XML.replace('<joint name="rail" type="slide" axis="1 0 0"/>', rail).replace('mass="2.0"', 'mass="1.0"')
+        (place / "scene900.xml").write_text(xml)
+        pack = json.loads((place / "scene900.json").read_text())
+        pack["apply"] = {"joint[rail].springref": "top"}
+        pack["instruments"] = {"noise": {"position": RIDGE_NOISE}}
+        (place / "scene900.json").write_text(json.dumps(pack))
+        top = Subject.open(find_pack(900, tmp_path)).draw(SEED).knobs["top"]
+        solution = place / "solution.py"
+        solution.write_text(solution.read_text().replace("TOP", repr(float(str(top)))))
+        subject = Subject.open(find_pack(900, tmp_path))
+        return subject, anyio.run(play_reference, subject, SEED, MemoryConnector(tmp_path))
+
+    return play
+
+
+RIDGE_NOISE = 0.01
+
+
+def test_a_reading_beyond_the_horizon_of_unstable_motion_does_not_count(
+    ridge: Callable[[list[float]], tuple[Subject, Episode]],
+) -> None:
+    """After 20 s, a shift of 1e-4 of the range drives the puck to an end: both one-sided derivatives are 1e4 m."""
+    subject, episode = ridge([2.0, 18.0])
+    early, late = measured(subject, SEED, episode, "").calls
+    tolerance = 0.05 * (float(str(subject.draw(SEED).knobs["top"])) + 3)
+    expected = 2 / np.sqrt(12 + (2 * (np.cosh(2.0) - 1) / RIDGE_NOISE) ** 2) / tolerance
+    assert early.bounds[0] == pytest.approx(expected, rel=0.02)
+    assert late.bounds == early.bounds
+
+
+def test_an_episode_that_only_such_a_reading_would_decide_is_not_measured(
+    ridge: Callable[[list[float]], tuple[Subject, Episode]],
+) -> None:
+    subject, episode = ridge([20.0])
+    found = measured(subject, SEED, episode, "")
+    assert "not linear in the hidden values" in found.not_measurable
