@@ -112,7 +112,7 @@ class Page:
         for kind in ("keyDown", "keyUp"):
             self.send("Input.dispatchKeyEvent", type=kind, key=key, code=key, windowsVirtualKeyCode=code, **text)
 
-    def look(self, width: int, scheme: str, height: int = 900, scale: int = 1) -> None:
+    def look(self, width: int, scheme: str, height: int = 900, scale: float = 1) -> None:
         """Set the size of the window [px], the preferred colour scheme, and the device pixel ratio."""
         self.send(
             "Emulation.setDeviceMetricsOverride", width=width, height=height, deviceScaleFactor=scale, mobile=False

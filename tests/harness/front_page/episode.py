@@ -1,6 +1,6 @@
 """Plays the episode that the README shows, and writes it as a transcript of at most 20 lines.
 
-Its scene, twelve ramps, is a pack beside this file and not one of the suite, so the README discloses nothing.
+Its scene, two carts on a track, is a pack beside this file and not one of the suite, so the README discloses nothing.
 """
 
 import subprocess
@@ -12,98 +12,122 @@ from typing import NamedTuple
 from pydantic import JsonValue
 
 from evaluator.records.episode import Episode, Exchange, GradeRecord
+from evaluator.report.attachments import film_file
+from evaluator.report.film_record import Film, read
+from evaluator.store.run_folder import RunFolder
 
 PACKS = Path(__file__).parent / "packs"
-SCENE, SEED = 904, 1
+SCENE, SEED = 905, 3
 """No scene of the suite has this number, so pictures and texts do not show it."""
-RAMPS = 12
-SLIDES = 0.01
-"""Momentum of 1 kg [kg·m/s] above which the slider counts as sliding; the scene's `solution.py` uses the same value."""
 
 
-class Measurement(NamedTuple):
-    """One iteration: the slider is set down on a ramp, and its momentum is read after a second."""
+class Played(NamedTuple):
+    """The episode with its grade and its film."""
 
-    ramp: int
-    momentum: float
-    """Along x, of 1 kg [kg·m/s]."""
-    low: int
-    """The lowest ramp that may still be the answer, before this measurement."""
-    high: int
-    """The highest one."""
-
-    @property
-    def slides(self) -> bool:
-        """Whether the slider began to slide."""
-        return self.momentum > SLIDES
+    episode: Episode
+    grade: GradeRecord
+    film: Film
 
 
-def played(folder: Path) -> tuple[Episode, GradeRecord]:
-    """Let the reference agent play the episode, and grade it.
+class Story(NamedTuple):
+    """What the agent did, read, and answered."""
+
+    push_n: float
+    """Force on the red cart, along x [N]."""
+    push_s: float
+    """Time for which it acts [s]."""
+    before: float
+    """Velocity of the red cart after the push [m/s]."""
+    run_s: float
+    """Time until the carts are read again [s]."""
+    red: float
+    """Velocity of the red cart after the collision [m/s]."""
+    blue: float
+    """Velocity of the blue cart after the collision [m/s]."""
+    answer: float
+    """The answer [kg]."""
+    verdict: str
+
+
+def played(folder: Path) -> Played:
+    """Let the reference agent play the episode, grade it, and make its film.
 
     Args:
         folder: The run folder to create.
     """
-    run = [sys.executable, "-m", "evaluator", "run", "--scenes", str(SCENE), "--seeds", str(SEED)]
-    run += ["--scenes-dir", str(PACKS)]
-    subprocess.run([*run, "--out", str(folder)], check=True, capture_output=True)
-    return (
-        Episode.model_validate_json((folder / "episodes.jsonl").read_text(encoding="utf-8")),
+    run = ["run", "--scenes", str(SCENE), "--seeds", str(SEED), "--scenes-dir", str(PACKS), "--out", str(folder)]
+    for words in (run, ["film", str(folder), "--scenes-dir", str(PACKS)]):
+        subprocess.run([sys.executable, "-m", "evaluator", *words], check=True, capture_output=True)
+    stored = RunFolder(folder)
+    ((key, record),) = stored.line_hashes().items()
+    return Played(
+        stored.episodes()[key],
         GradeRecord.model_validate_json((folder / "grades.jsonl").read_text(encoding="utf-8")),
+        read(film_file(folder, record).read_bytes(), record),
     )
 
 
-def measurements(episode: Episode) -> list[Measurement]:
-    """Return the measurement of each iteration, and the ramps that were possible before it."""
-    found: list[Measurement] = []
-    low, high = 1, RAMPS
-    for turn in episode.turns[:-1]:
-        placed, momentum = turn.exchanges[0].call.arguments["y"], _x_of(turn.exchanges[-1])
-        assert isinstance(placed, int)
-        measured = Measurement(placed, momentum, low, high)
-        found.append(measured)
-        low, high = (low, measured.ramp) if measured.slides else (measured.ramp + 1, high)
-    return found
+def story(played: Played) -> Story:
+    """Return what the agent did, read, and answered."""
+    (push, wait, _, before), (run, red, blue), (answer,) = (turn.exchanges for turn in played.episode.turns)
+    forces = push.call.arguments["force_vector"]
+    assert isinstance(forces, list)
+    pushed, push_s, run_s, answered = map(
+        _number,
+        (
+            forces[0],
+            wait.call.arguments["duration"],
+            run.call.arguments["duration"],
+            answer.call.arguments["answer"],
+        ),
+    )
+    velocities = map(_velocity, (before, red, blue))
+    verdict = played.grade.grade.strict.value
+    return Story(pushed, push_s, next(velocities), run_s, next(velocities), next(velocities), answered, verdict)
 
 
-def _x_of(exchange: Exchange) -> float:
+def _velocity(exchange: Exchange) -> float:
     assert exchange.content is not None
-    return float(exchange.content["momentum"]["x"])
+    return float(exchange.content["velocity"][0])
+
+
+def _number(value: JsonValue) -> float:
+    assert isinstance(value, int | float)
+    return float(value)
 
 
 def title(episode: Episode) -> str:
     """Return the title of the episode in the README."""
-    return f"twelve ramps, seed {episode.key.seed}"
+    return f"two carts on a track, seed {episode.key.seed}"
 
 
-def transcript(episode: Episode, grade: GradeRecord) -> list[str]:
+def transcript(played: Played) -> list[str]:
     """The episode, one line for each call; the number at the start of a line is the iteration."""
+    episode = played.episode
     calls = sum(len(turn.exchanges) for turn in episode.turns)
     lines = [f"{title(episode)}, at most {episode.key.budget} iterations"]
     for number, turn in enumerate(episode.turns, start=1):
         for place, exchange in enumerate(turn.exchanges):
             call = _call(exchange.call.tool, exchange.call.arguments)
-            lines.append(f"{'' if place else number:>2}  {call:<51}{_return_of(exchange)}".rstrip())
-    verdict = grade.grade.strict.value
+            lines.append(f"{'' if place else number:>2}  {call:<46}{_return_of(exchange)}".rstrip())
+    verdict = played.grade.grade.strict.value
     return [*lines, f"graded {verdict} after {len(episode.turns)} iterations and {calls} calls"]
 
 
-def caption(episode: Episode, grade: GradeRecord) -> str:
-    """Describe the picture of the scene in words, for readers who cannot see it."""
-    parts = [
-        f"{number}: ramp {done.ramp}, {reading(done.momentum)} kg m/s, {'slides' if done.slides else 'holds'}."
-        for number, done in enumerate(measurements(episode), start=1)
-    ]
+def caption(played: Played) -> str:
+    """Describe the film in words, for readers who cannot see it."""
+    told = story(played)
     return (
-        f"Twelve ramps, each steeper than the one before, and a red slider on {len(parts)} of them. Iteration"
-        f" {' '.join(parts)}"
-        f" Answer: {episode.answer}, {grade.grade.strict.value}."
+        f"A film of six seconds: a red cart of 1 kg, pushed with {told.push_n:g} N for {told.push_s:g} s, moves at"
+        f" {signed(told.before)} m/s and hits a blue cart of unknown mass. Then the red cart moves at"
+        f" {signed(told.red)} m/s and the blue one at {signed(told.blue)} m/s. The agent answers"
+        f" {told.answer:.2f} kg, which is {told.verdict}."
     )
 
 
-def reading(value: float) -> str:
-    """A reading in two digits."""
-    return f"{value:.4f}" if abs(value) < SLIDES else f"{value:.2f}"
+def signed(value: float) -> str:
+    """A velocity in two decimals, with a true minus sign."""
+    return f"{value:.2f}".replace("-", "−")
 
 
 def _call(tool: str, arguments: dict[str, JsonValue]) -> str:
@@ -113,10 +137,8 @@ def _call(tool: str, arguments: dict[str, JsonValue]) -> str:
 
 def _return_of(exchange: Exchange) -> str:
     match exchange.content:
-        case {"momentum": dict() as momentum}:
-            return f"→ momentum {_value(list(momentum.values()))}"
-        case {"position": position}:
-            return f"→ position {_value(position)}"
+        case {"velocity": velocity}:
+            return f"→ velocity {_value(velocity)}"
         case {"status": status}:
             return f"→ {status}"
         case {"steps": _, "sim_time": time}:

@@ -1,4 +1,4 @@
-"""Writes pictures into docs/pictures (a measured scene, a report, a film, the app), in light and in dark.
+"""Writes pictures into docs/pictures (the film of an episode, a report, a film in it, the app), in light and in dark.
 
 python -m tests.harness.front_page.make [--run DIR]    with the report of a run; without it, the run is played first
 python -m tests.harness.front_page.make --only film    one of them
@@ -9,20 +9,21 @@ It needs Chromium and libosmesa6. `pytest tests/harness/front_page --update-gold
 import argparse
 import base64
 import io
+import json
 import os
 import signal
 import subprocess
 import sys
 import tempfile
+from collections.abc import Sequence
 from pathlib import Path
 
 from PIL import Image
 from rich.console import Console
 
-from evaluator.records.episode import Episode, GradeRecord
 from tests.builders.chromium import SOFTWARE_WEBGL, Page, chromium, installed
 from tests.builders.paths import DOCS
-from tests.harness.front_page.episode import caption, played
+from tests.harness.front_page.episode import Played, caption, played
 
 PICTURES = DOCS / "pictures"
 SCHEMES = ("light", "dark")
@@ -44,7 +45,7 @@ def main() -> None:
     os.environ.setdefault("MUJOCO_GL", "osmesa")
     parser = argparse.ArgumentParser(description="Write the pictures of the README.")
     parser.add_argument("--run", type=Path, metavar="DIR", help="a run folder with a report; else it is played first")
-    parser.add_argument("--only", choices=("scene", "report", "film", "preview"), help="write one of the pictures")
+    parser.add_argument("--only", choices=("episode", "report", "film", "preview"), help="write one of the pictures")
     args = parser.parse_args()
     program = installed()
     if program is None:
@@ -53,7 +54,7 @@ def main() -> None:
         folder = Path(made)
         PICTURES.mkdir(exist_ok=True)
         draw = {
-            "scene": lambda: _scene(page, *played(folder / "episode"), folder / "scene.html"),
+            "episode": lambda: _episode(page, played(folder / "episode"), folder / "episode.html"),
             "report": lambda: _report(page, (args.run or _played_study(folder / "study")) / "report.html"),
             "film": lambda: _film(page, folder / "film"),
             "preview": lambda: _preview(page),
@@ -67,13 +68,25 @@ def _played_study(folder: Path) -> Path:
     return folder
 
 
-def _scene(page: Page, episode: Episode, grade: GradeRecord, file: Path) -> None:
-    from tests.harness.front_page.scene_picture import WIDTH, page_of
+def _episode(page: Page, played: Played, file: Path) -> None:
+    """Write the film of the episode, and its last frame for readers who prefer reduced motion."""
+    from tests.harness.front_page.film_picture import HEIGHT, PAGE, WIDTH, drawn
+    from tests.harness.front_page.film_picture import SCALE as FILM_SCALE
 
-    file.write_text(page_of(episode, grade), encoding="utf-8")
+    file.write_text(PAGE, encoding="utf-8")
+    frames = list(drawn(played))
+    durations = [frame.duration_ms for frame, _ in frames]
     page.send("Emulation.setDefaultBackgroundColorOverride", color={"r": 0, "g": 0, "b": 0, "a": 0})
-    end = "document.querySelector('svg').getBoundingClientRect().bottom"
-    _shoot(page, file, "scene", WIDTH, end, caption(episode, grade))
+    for scheme in SCHEMES:
+        page.look(WIDTH, scheme, height=HEIGHT, scale=FILM_SCALE)
+        page.open(file)
+        shots: list[Image.Image] = []
+        for _, body in frames:
+            page.run(f"document.body.innerHTML = {json.dumps(body)}, document.querySelector('img').decode()")
+            found = page.send("Page.captureScreenshot")
+            shots.append(Image.open(io.BytesIO(base64.b64decode(found["data"]))).convert("RGBA"))
+        _write(shots[-1:], "episode-still", scheme, caption(played))
+        _write(shots, "episode", scheme, caption(played), durations)
     page.send("Emulation.setDefaultBackgroundColorOverride")
 
 
@@ -153,12 +166,30 @@ def _shoot(page: Page, file: Path, name: str, width: int, end: str, description:
 
 
 def _save(data: str, name: str, scheme: str, description: str) -> None:
-    """Write a screenshot as NAME-SCHEME.webp, losslessly."""
-    picture, exif = Image.open(io.BytesIO(base64.b64decode(data))), Image.Exif()
-    exif[DESCRIPTION] = description
+    """Write a screenshot as NAME-SCHEME.webp."""
+    _write([Image.open(io.BytesIO(base64.b64decode(data)))], name, scheme, description)
+
+
+def as_ascii(description: str) -> str:
+    """Return a description with the characters that EXIF allows."""
+    return description.replace("−", "-")
+
+
+def _write(
+    shots: Sequence[Image.Image], name: str, scheme: str, description: str, durations: Sequence[int] = ()
+) -> None:
+    """Write one picture, or several as a film that plays for ever, as NAME-SCHEME.webp, losslessly."""
+    exif = Image.Exif()
+    exif[DESCRIPTION] = as_ascii(description)
     target = PICTURES / f"{name}-{scheme}.webp"
-    picture.save(target, lossless=True, quality=100, method=6, exif=exif)
-    Console().print(f"{target}: {picture.width} × {picture.height}, {target.stat().st_size / 1000:.0f} kB")
+    if durations:
+        film = {"save_all": True, "append_images": shots[1:], "duration": [*durations], "loop": 0}
+        # With the effort of a single picture, a film would take many minutes.
+        shots[0].save(target, "WEBP", lossless=True, quality=80, method=4, exif=exif, **film)
+    else:
+        shots[0].save(target, "WEBP", lossless=True, quality=100, method=6, exif=exif)
+    shown = f"{shots[0].width} × {shots[0].height}, {len(shots)} frames, {target.stat().st_size / 1000:.0f} kB"
+    Console().print(f"{target}: {shown}")
 
 
 if __name__ == "__main__":

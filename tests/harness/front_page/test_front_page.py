@@ -1,11 +1,11 @@
-"""Tests that the README shows a real episode: its transcript and the caption of its picture are regenerated."""
+"""Tests that the README shows a real episode: its transcript and the caption of its film are regenerated."""
 
 import re
-import xml.etree.ElementTree as ET
 from collections import Counter
+from pathlib import Path
 
 import pytest
-from PIL import Image
+from PIL import Image, ImageChops
 
 from evaluator.certify.records import (
     CATCH_CERTIFICATES,
@@ -14,19 +14,17 @@ from evaluator.certify.records import (
     PREDICTION_CERTIFICATES,
     read_certificates,
 )
-from evaluator.records.episode import Episode, GradeRecord, Verdict
+from evaluator.records.episode import Verdict
 from evaluator.report.baselines import baseline_run
 from physment_mcp.serving.server import published_tools
 from scenes import Category, default_folder, list_packs, read_pack
 from tests.builders.paths import ROOT
-from tests.harness.front_page.episode import RAMPS, SCENE, block, caption, measurements, played, title, transcript
-from tests.harness.front_page.exposure import exposure
-from tests.harness.front_page.make import DESCRIPTION, PICTURES
+from tests.harness.front_page.episode import SCENE, Played, block, caption, played, story, title, transcript
+from tests.harness.front_page.frames import FILM_S, frames_of
+from tests.harness.front_page.make import DESCRIPTION, PICTURES, as_ascii
 
 README = ROOT / "README.md"
-LARGEST_BYTES = 150_000
-
-Played = tuple[Episode, GradeRecord]
+LARGEST_BYTES, LARGEST_FILM_BYTES = 150_000, 400_000
 
 
 @pytest.fixture(scope="module")
@@ -36,8 +34,8 @@ def episode(tmp_path_factory: pytest.TempPathFactory) -> Played:
 
 def with_episode(readme: str, episode: Played) -> str:
     """The README with the transcript of an episode, and with its caption as the text of the first picture."""
-    readme = re.sub(r"```text\n.*?```", lambda _: block(transcript(*episode)), readme, count=1, flags=re.DOTALL)
-    return re.sub(r'alt="[^"]*"', lambda _: f'alt="{caption(*episode)}"', readme, count=1)
+    readme = re.sub(r"```text\n.*?```", lambda _: block(transcript(episode)), readme, count=1, flags=re.DOTALL)
+    return re.sub(r'alt="[^"]*"', lambda _: f'alt="{caption(episode)}"', readme, count=1)
 
 
 def test_the_readme_shows_the_transcript_of_a_real_episode(episode: Played, update_goldens: bool) -> None:
@@ -49,49 +47,69 @@ def test_the_readme_shows_the_transcript_of_a_real_episode(episode: Played, upda
 
 
 def test_the_transcript_has_at_most_twenty_lines_that_fit_the_page(episode: Played) -> None:
-    lines = transcript(*episode)
+    lines = transcript(episode)
     assert len(lines) <= 20
     assert max(map(len, lines)) <= 100
 
 
-def test_the_trials_of_the_episode_halve_the_range_until_its_answer_is_left(episode: Played) -> None:
-    played, grade = episode
-    tried = measurements(played)
-    assert all(measured.low <= measured.ramp <= measured.high for measured in tried)
-    assert grade.grade.strict is Verdict.CORRECT
-    last = tried[-1]
-    left = (last.low, last.ramp) if last.slides else (last.ramp + 1, last.high)
-    assert left == (int(str(played.answer)),) * 2
+def test_the_answer_follows_from_the_readings_that_the_film_shows(episode: Played) -> None:
+    told = story(episode)
+    assert told.before == pytest.approx(told.push_n * told.push_s)
+    assert told.answer == pytest.approx((told.before - told.red) / told.blue, abs=5e-4)
+    assert episode.grade.grade.strict is Verdict.CORRECT
+    assert round(told.answer, 2) == round((round(told.before, 2) - round(told.red, 2)) / round(told.blue, 2), 2), (
+        "the sum with the rounded numbers of the film gives another answer"
+    )
 
 
-def test_the_exposure_shows_the_ramps_and_where_the_slider_was_set_down_and_where_it_was_read(episode: Played) -> None:
-    bodies = {body.get("name"): body for body in ET.fromstring(exposure(episode[0])).iter("body")}
-    measured = measurements(episode[0])
-    assert bodies.keys() == {f"object_{1 + ramp}" for ramp in range(1, RAMPS + 1)} | {
-        f"{moment}_{number}" for number in range(1, len(measured) + 1) for moment in ("before", "after")
-    }
-    for number, done in enumerate(measured, start=1):
-        (x, y, z), (later_x, later_y, later_z) = (place(bodies[f"{moment}_{number}"]) for moment in ("before", "after"))
-        assert y == later_y == done.ramp
-        assert (later_x > x + 0.05) is done.slides
-        assert later_z < z
-
-
-def place(body: ET.Element) -> list[float]:
-    return [float(value) for value in str(body.get("pos")).split()]
+def test_the_film_shows_every_reading_after_its_call_and_lasts_six_seconds(episode: Played) -> None:
+    frames = frames_of(episode)
+    assert sum(frame.duration_ms for frame in frames) == round(1000 * FILM_S) == 6000
+    assert frames[-1].duration_ms >= 1500, "time to read the answer"
+    assert [frame.time for frame in frames] == sorted(frame.time for frame in frames)
+    told = story(episode)
+    pushed, collided = told.push_s, told.push_s + told.run_s
+    for frame in frames:
+        read = [line.read for line in frame.lines if line.read]
+        assert len(read) <= sum(frame.time >= when - 1e-9 for when in (pushed, collided, collided))
+        assert bool(frame.push) <= (frame.time < pushed)
+        assert ("?" in frame.mass) is (len(read) < 3)
+    red = {round(frame.time, 2): frame.poses["object_1"][0] for frame in frames}
+    assert red[round(pushed, 2)] == pytest.approx(told.before * pushed / 2, rel=0.02)
 
 
 def test_the_episode_is_not_taken_for_one_of_a_scene_of_the_suite(episode: Played) -> None:
     assert SCENE not in {files.scene_id for files in list_packs()}
-    shown = (title(episode[0]), caption(*episode), *transcript(*episode))
+    shown = (title(episode.episode), caption(episode), *transcript(episode))
     assert [text for text in shown if re.search(r"\bscene\b", text, re.IGNORECASE)] == []
 
 
 @pytest.mark.parametrize("scheme", ["light", "dark"])
-def test_the_picture_of_the_scene_is_of_this_episode(episode: Played, scheme: str) -> None:
-    """If this fails, the scene has changed: run `python -m tests.harness.front_page.make` again."""
-    with Image.open(PICTURES / f"scene-{scheme}.webp") as picture:
-        assert picture.getexif()[DESCRIPTION] == caption(*episode)
+def test_the_film_and_its_still_are_of_this_episode(episode: Played, scheme: str) -> None:
+    """If this fails, the scene has changed: run `python -m tests.harness.front_page.make --only episode` again."""
+    with Image.open(PICTURES / f"episode-{scheme}.webp") as film, Image.open(still(scheme)) as picture:
+        assert film.getexif()[DESCRIPTION] == picture.getexif()[DESCRIPTION] == as_ascii(caption(episode))
+        durations: list[int] = []
+        for number in range(film.n_frames):
+            film.seek(number)
+            film.load()
+            durations.append(film.info["duration"])
+        assert sum(durations) == round(1000 * FILM_S)
+        assert ImageChops.difference(film.convert("RGBA"), picture.convert("RGBA")).getbbox() is None
+
+
+def still(scheme: str) -> Path:
+    return PICTURES / f"episode-still-{scheme}.webp"
+
+
+def test_readers_who_prefer_reduced_motion_get_the_still() -> None:
+    first = README.read_text(encoding="utf-8").partition("</picture>")[0]
+    sources = re.findall(r'<source media="([^"]+)" srcset="docs/pictures/([^"]+)">', first)
+    assert sources == [
+        ("(prefers-reduced-motion: reduce) and (prefers-color-scheme: dark)", "episode-still-dark.webp"),
+        ("(prefers-reduced-motion: reduce)", "episode-still-light.webp"),
+        ("(prefers-color-scheme: dark)", "episode-dark.webp"),
+    ]
 
 
 def test_every_picture_is_small_and_shown_by_the_readme_or_a_guide() -> None:
@@ -103,7 +121,9 @@ def test_every_picture_is_small_and_shown_by_the_readme_or_a_guide() -> None:
         for name in re.findall(r'(?:src|srcset)="([^"]+)"', page.read_text(encoding="utf-8"))
     }
     assert sorted(shown) == files
-    assert [file.name for file in files if file.stat().st_size > LARGEST_BYTES] == []
+    films = {PICTURES / f"episode-{scheme}.webp" for scheme in ("light", "dark")}
+    limits = {file: LARGEST_FILM_BYTES if file in films else LARGEST_BYTES for file in files}
+    assert [file.name for file, most in limits.items() if file.stat().st_size > most] == []
 
 
 def test_the_numbers_of_the_readme_are_true() -> None:
