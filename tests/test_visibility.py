@@ -16,9 +16,9 @@ from evaluator.episode.toolbox import shows_views, view_now
 from evaluator.films.filming import film_of
 from physment_mcp.contract.names import VIEW_URI
 from physment_mcp.scene import load_scene, load_variants
-from physment_mcp.serving.frames import Frames, Painter
 from physment_mcp.serving.server import build_server
 from physment_mcp.serving.slot import EpisodeSlot
+from physment_mcp.serving.views import Frames, Painter
 from physment_mcp.session import Session
 from physment_mcp.visibility import cached_visibility, markers_at_start, visibility_of
 from physment_mcp.world.pictures.framing import View

@@ -14,9 +14,8 @@ from physment_mcp.visibility import bodies_of, markers_at_start, visibility_of
 from physment_mcp.world.pictures.annotations import INK, PAPER, SOFT
 from physment_mcp.world.pictures.drawing import check_renderer
 from physment_mcp.world.pictures.overlay import LINE, Overlay, Pixels, png_of
-from physment_mcp.world.pictures.plates import plate
+from physment_mcp.world.pictures.plates import GROUND, HEIGHT, SKY, WIDTH, plate
 from physment_mcp.world.pictures.showing import ShownBody, picture_model
-from physment_mcp.world.pictures.studio import GROUND, HEIGHT, SKY, WIDTH
 from scenes import PackFiles, Permissions, PublicPack
 
 _READ = {

@@ -21,7 +21,7 @@ from types import FrameType
 from physment_mcp.commands.base import Commands, common_options
 from physment_mcp.errors import UsageError
 
-_LOADED = ("mcp.server.stdio", "physment_mcp.serving.frames", "physment_mcp.serving.server", "physment_mcp.session")
+_LOADED = ("mcp.server.stdio", "physment_mcp.serving.views", "physment_mcp.serving.server", "physment_mcp.session")
 """Modules that an episode on stdio imports directly; these import all others that it needs."""
 _LONGEST_LINE = 64_000
 """Longest accepted first line [bytes]."""

@@ -18,7 +18,7 @@ from starlette.routing import Route
 
 from physment_mcp.contract.names import APP_TYPE, APPS, VIEW_URI
 from physment_mcp.serving.http_guard import HttpGuard
-from physment_mcp.serving.lab_app import APP_URI, SHOWING
+from physment_mcp.serving.resources import APP_URI, SHOWING
 
 _PAGE = Path(__file__).parent / "preview.html"
 """Built from `viewer/` by `make viewer`."""

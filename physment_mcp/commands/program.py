@@ -91,9 +91,9 @@ def _stdio(args: argparse.Namespace) -> int:
     from mcp.server.stdio import stdio_server  # noqa: PLC0415
 
     from physment_mcp.scene import list_scenes, load_scene, scene_ids  # noqa: PLC0415
-    from physment_mcp.serving.frames import watching  # noqa: PLC0415
     from physment_mcp.serving.server import build_server  # noqa: PLC0415
     from physment_mcp.serving.slot import EpisodeSlot  # noqa: PLC0415 - --help need not wait for the engine
+    from physment_mcp.serving.views import watching  # noqa: PLC0415
     from physment_mcp.session import Session  # noqa: PLC0415
     from physment_mcp.visibility import cached_visibility  # noqa: PLC0415
 

@@ -12,8 +12,8 @@ from threading import Thread
 import anyio
 
 from physment_mcp.commands.base import Commands, common_options, observations, port, positive, timestep
-from physment_mcp.contract.addresses import is_loopback
 from physment_mcp.contract.command_line import restore_sigint
+from physment_mcp.contract.request_origin import is_loopback
 from physment_mcp.errors import NotOpened, UsageError
 
 _OPEN_FILES = 65_536
@@ -115,8 +115,8 @@ def run(args: argparse.Namespace) -> int:
     from physment_mcp.scene import scene_ids  # noqa: PLC0415
     from physment_mcp.serving.admission import free_memory, usual_episodes  # noqa: PLC0415
     from physment_mcp.serving.episode_server import EpisodeServer  # noqa: PLC0415
-    from physment_mcp.serving.frames import watching  # noqa: PLC0415
     from physment_mcp.serving.listening import serve  # noqa: PLC0415
+    from physment_mcp.serving.views import watching  # noqa: PLC0415
 
     restore_sigint()
     exposed = not is_loopback(args.host)

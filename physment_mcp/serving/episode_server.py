@@ -35,12 +35,12 @@ from starlette.types import Receive, Scope, Send
 from physment_mcp.errors import NotOpened
 from physment_mcp.scene import Scene
 from physment_mcp.serving.admission import Admission, EpisodeQuota
-from physment_mcp.serving.frames import Frames
 from physment_mcp.serving.http_guard import MAX_BODY, HttpGuard, fault_of, has_token, refuse, with_body
 from physment_mcp.serving.scheduling import Scheduler
 from physment_mcp.serving.server import build_server
 from physment_mcp.serving.slot import EpisodeSlot
 from physment_mcp.serving.socket_episodes import SocketEpisodes
+from physment_mcp.serving.views import Frames
 from physment_mcp.session import Session
 from physment_mcp.visibility import Visibility, cached_visibility
 

@@ -18,12 +18,24 @@ from pydantic_core import to_json
 
 from physment_mcp.contract.names import GONE, VIEW, VIEW_URI
 from physment_mcp.errors import EpisodeGone, RefusedCall, SceneError, quoted
-from physment_mcp.serving import lab_app
-from physment_mcp.serving.frames import SHOWING_TOOLS
 from physment_mcp.serving.prompts import IDLE_INSTRUCTIONS, CallProtocol, Prompting, PromptOptions, opening_prompt
-from physment_mcp.serving.resources import FRESH_MS, ICON, MAX_URI, listed_resources, listed_templates, read
+from physment_mcp.serving.resources import (
+    APP_URI,
+    FRESH_MS,
+    ICON,
+    MAX_URI,
+    SHOWING,
+    app_page,
+    app_resources,
+    listed_resources,
+    listed_templates,
+    read,
+    shows_apps,
+    view_page,
+    with_app,
+)
 from physment_mcp.serving.slot import FULL, EpisodeSlot
-from physment_mcp.serving.views import frame_with, recorded, view_with
+from physment_mcp.serving.views import SHOWING_TOOLS, frame_with, recorded, view_with
 from physment_mcp.session import Session
 from physment_mcp.tools import TOOLS, Tool
 from physment_mcp.tools.calls import MAX_NAME, call_async, tools_of
@@ -110,14 +122,14 @@ class _Service:
         self._slot = slot
 
     def _shows_app(self, ctx: ServerRequestContext[Any]) -> bool:
-        return self._slot.offers_app and lab_app.shows_apps(ctx.session.client_capabilities)
+        return self._slot.offers_app and shows_apps(ctx.session.client_capabilities)
 
     async def list_tools(
         self, ctx: ServerRequestContext[Any], _params: types.PaginatedRequestParams | None
     ) -> types.ListToolsResult:
         published = published_tools(tools_of(self._slot.session))
         if self._shows_app(ctx):
-            tools = lab_app.with_app(published)
+            tools = with_app(published)
             return types.ListToolsResult(tools=tools, ttl_ms=FRESH_MS, cache_scope="private")
         return types.ListToolsResult(tools=list(published))
 
@@ -128,7 +140,7 @@ class _Service:
             log, session = self._slot.log, self._slot.session
             if session is None or session.ended:
                 return await self._call(ctx, params)
-            viewed = params.name in lab_app.SHOWING and self._shows_app(ctx)
+            viewed = params.name in SHOWING and self._shows_app(ctx)
             with recorded(session, params.name, params.arguments or {}) if viewed else nullcontext(()) as states:
                 started_at = time.monotonic()
                 try:
@@ -245,7 +257,7 @@ class _Service:
         self, ctx: ServerRequestContext[Any], _params: types.PaginatedRequestParams | None
     ) -> types.ListResourcesResult:
         if self._shows_app(ctx):
-            resources = [*listed_resources(), *lab_app.app_resources()]
+            resources = [*listed_resources(), *app_resources()]
             return types.ListResourcesResult(resources=resources, ttl_ms=FRESH_MS, cache_scope="private")
         return types.ListResourcesResult(resources=listed_resources())
 
@@ -258,14 +270,14 @@ class _Service:
         self, ctx: ServerRequestContext[Any], params: types.ReadResourceRequestParams
     ) -> types.ReadResourceResult:
         uri, shows_app = str(params.uri), self._shows_app(ctx)
-        if shows_app and uri == lab_app.APP_URI:
-            return lab_app.app_page()
+        if shows_app and uri == APP_URI:
+            return app_page()
         async with self._slot.turns.exclusive:
             if shows_app and uri == VIEW_URI:
                 session = self._slot.session
                 read_so_far = self._slot.log.readings()
                 found = None if session is None else await view_with(session, self._slot.visibility, (), read_so_far)
-                return lab_app.view_page(found)
+                return view_page(found)
             try:
                 return read(self._slot, uri)
             except LookupError as error:

@@ -18,8 +18,8 @@ from pydantic_core import from_json, to_json
 from physment_mcp.contract.last_read import Reading, read_after
 from physment_mcp.errors import EpisodeGone, EpisodeOver
 from physment_mcp.scene import Scene
-from physment_mcp.serving.frames import Frames
 from physment_mcp.serving.scheduling import Scheduler, Turns
+from physment_mcp.serving.views import Frames
 from physment_mcp.session import Session
 from physment_mcp.tools.calls import MAX_NAME, excess
 from physment_mcp.tools.episode import ANSWER

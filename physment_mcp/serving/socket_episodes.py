@@ -26,11 +26,11 @@ from physment_mcp.contract.line_stream import LineStream
 from physment_mcp.errors import NotOpened
 from physment_mcp.scene import Scene
 from physment_mcp.serving.admission import Admission
-from physment_mcp.serving.frames import Frames
 from physment_mcp.serving.http_guard import MAX_BODY
 from physment_mcp.serving.scheduling import Scheduler, Turns
 from physment_mcp.serving.server import build_server
 from physment_mcp.serving.slot import EpisodeSlot
+from physment_mcp.serving.views import Frames
 from physment_mcp.session import Session
 from physment_mcp.visibility import Visibility
 

@@ -8,9 +8,9 @@ from mcp import Client
 
 from physment_mcp.errors import UsageError
 from physment_mcp.scene import load_scene, load_variants
-from physment_mcp.serving.frames import Frames, Painter
 from physment_mcp.serving.server import build_server
 from physment_mcp.serving.slot import EpisodeSlot
+from physment_mcp.serving.views import Frames, Painter
 from physment_mcp.session import Session
 
 

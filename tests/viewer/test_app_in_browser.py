@@ -15,7 +15,7 @@ from PIL import Image
 
 from physment_mcp.contract.names import VIEW_URI
 from physment_mcp.scene import load_scene
-from physment_mcp.serving import lab_app
+from physment_mcp.serving.resources import APP_URI
 from physment_mcp.serving.server import build_server
 from physment_mcp.serving.slot import EpisodeSlot
 from physment_mcp.session import Session
@@ -47,7 +47,7 @@ async def _results() -> tuple[str, dict[str, Any], dict[str, Any], str]:
     """Return the app, the result of a step, a refusal, and the view after them, as a client receives them."""
     slot = EpisodeSlot(Session(load_scene(7)), find_visibility=cached_visibility(None))
     async with app_client(build_server(slot)) as client:
-        page = (await client.read_resource(lab_app.APP_URI)).contents[0]
+        page = (await client.read_resource(APP_URI)).contents[0]
         step, refused = [await client.call_tool("step", {"duration": duration}) for duration in (0.4, -1)]
         view = (await client.read_resource(VIEW_URI)).contents[0]
         dumped = [one.model_dump(mode="json", by_alias=True, exclude_none=True) for one in (step, refused)]

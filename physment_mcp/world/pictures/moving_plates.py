@@ -19,10 +19,18 @@ from physment_mcp.world.pictures.annotations import INK, PAD, PAPER, SOFT, Optic
 from physment_mcp.world.pictures.drawing import Extras, GeomBox, boxes_of, placed, staged, view_on
 from physment_mcp.world.pictures.framing import View
 from physment_mcp.world.pictures.overlay import LINE, Overlay, Place
-from physment_mcp.world.pictures.plates import NO_FLOOR, ROOM, ground_below, named_corners
+from physment_mcp.world.pictures.plates import (
+    HEIGHT,
+    NO_FLOOR,
+    ROOM,
+    WIDTH,
+    Ground,
+    Studio,
+    ground_below,
+    named_corners,
+)
 from physment_mcp.world.pictures.showing import ShownBody, picture_model
 from physment_mcp.world.pictures.sketch import RING, SketchedPart, draw_part, draw_reading
-from physment_mcp.world.pictures.studio import HEIGHT, WIDTH, Ground, Studio
 from physment_mcp.world.readings import Array
 
 _ROWS, _EDGE = 3, 16

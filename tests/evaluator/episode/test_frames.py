@@ -18,7 +18,7 @@ from evaluator.records.episode import Episode, Exchange, Frame
 from evaluator.records.run import Plan
 from evaluator.store.run_folder import RunFolder
 from evaluator.study.shards import merge
-from physment_mcp.serving.frames import Painter
+from physment_mcp.serving.views import Painter
 from tests.builders.frames import open_painter, watched_scene
 from tests.builders.records import LOOK, STEP, VERSIONS, answer, episode, episode_key, returned, turn
 

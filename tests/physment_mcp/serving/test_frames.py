@@ -18,9 +18,9 @@ from mcp.client.stdio import StdioServerParameters, stdio_client
 
 from physment_mcp.errors import UsageError
 from physment_mcp.scene import load_scene, load_variants, scene_ids
-from physment_mcp.serving.frames import Frames, Painter
 from physment_mcp.serving.server import build_server
 from physment_mcp.serving.slot import EpisodeSlot
+from physment_mcp.serving.views import Frames, Painter
 from physment_mcp.session import Session
 from physment_mcp.tools.calls import call
 from physment_mcp.visibility import bodies_of, visibility_of

@@ -12,7 +12,7 @@ from mcp.shared.exceptions import MCPError
 
 from physment_mcp.contract.names import APP_TYPE, APPS, VIEW, VIEW_URI
 from physment_mcp.scene import load_scene
-from physment_mcp.serving import lab_app
+from physment_mcp.serving.resources import APP_URI, SHOWING, app_page
 from physment_mcp.serving.server import build_server, published_tools
 from physment_mcp.serving.slot import EpisodeSlot
 from physment_mcp.session import Session
@@ -59,11 +59,11 @@ async def test_a_client_that_shows_apps_gets_the_app_and_what_it_draws(slot: Ope
         tools = (await client.list_tools()).tools
         assert [tool.model_copy(update={"meta": None}) for tool in tools] == list(published_tools())
         carrying = {tool.name: tool.meta for tool in tools if tool.meta}
-        assert set(carrying) == lab_app.SHOWING
-        assert carrying["step"] == {"ui": {"resourceUri": lab_app.APP_URI}, "ui/resourceUri": lab_app.APP_URI}
+        assert set(carrying) == SHOWING
+        assert carrying["step"] == {"ui": {"resourceUri": APP_URI}, "ui/resourceUri": APP_URI}
         listed = {resource.uri: resource for resource in (await client.list_resources()).resources}
-        assert listed[lab_app.APP_URI].mime_type == APP_TYPE
-        (page,) = (await client.read_resource(lab_app.APP_URI)).contents
+        assert listed[APP_URI].mime_type == APP_TYPE
+        (page,) = (await client.read_resource(APP_URI)).contents
         assert (page.mime_type, page.text[:15]) == (APP_TYPE, "<!doctype html>")
         results = {tool: await client.call_tool(tool, arguments) for tool, arguments in CALLS}
         view = (results["step"].meta or {})[VIEW]
@@ -84,7 +84,7 @@ async def test_other_clients_get_the_same_bytes_as_from_a_server_without_the_app
     extensions = None if settings is None else [advertise(APPS, settings)]
     async with Client(build_server(without)) as plain, Client(build_server(slot()), extensions=extensions) as other:
         assert await said(other) == await said(plain)
-        for uri in (lab_app.APP_URI, VIEW_URI):
+        for uri in (APP_URI, VIEW_URI):
             with pytest.raises(MCPError, match="there is no resource"):
                 await other.read_resource(uri)
 
@@ -127,7 +127,7 @@ async def test_a_host_offers_it_with_its_folder_of_scenes(inside: OpenHost) -> N
 
 
 def test_the_app_is_one_file_that_runs_only_its_own_script_and_connects_to_nothing() -> None:
-    page = lab_app.app_page().contents[0]
+    page = app_page().contents[0]
     text: str = page.text  # type: ignore[union-attr]
     assert len(text.encode()) < 1_500_000
     (policy,) = re.findall(r'http-equiv="Content-Security-Policy" content="([^"]+)"', text)

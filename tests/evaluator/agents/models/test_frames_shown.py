@@ -10,7 +10,7 @@ from evaluator.agents.models.agent import ModelAgent
 from evaluator.agents.models.choice import parse_model
 from evaluator.episode.loop import play_episode
 from evaluator.records.episode import Outcome
-from physment_mcp.serving.frames import Painter
+from physment_mcp.serving.views import Painter
 from tests.builders.frames import open_painter, watched_scene
 from tests.builders.providers import Service
 from tests.builders.records import VERSIONS, episode_key
