@@ -15,7 +15,7 @@ from rich.markdown import Markdown
 from evaluator.agents.human import HumanAgent
 from evaluator.answers.keys import KeyRing
 from evaluator.commands.base import Commands, count_of, folder_to_write, port, run_async, scene_id, seed
-from evaluator.commands.human_episode import HumanPlay, kept_if_used
+from evaluator.commands.human_episode import HumanPlay, kept_if_used, play_in_browser
 from evaluator.commands.terminal import printable
 from evaluator.study.selection import parse_scenes
 from scenes import reference_of
@@ -61,8 +61,6 @@ def _play(args: argparse.Namespace) -> int:
     variant = play.variant(files, args.seed, args.out or Path("runs") / f"{stamp}-human")
     with kept_if_used(variant.folder):
         if args.web:
-            from evaluator.commands.play_page import play_in_browser  # noqa: PLC0415 - the terminal needs no web server
-
             play_in_browser(play, variant, args.port, opens=not args.no_open)
         else:
             agent = HumanAgent(_Terminal(console))

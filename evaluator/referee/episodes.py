@@ -29,8 +29,7 @@ from evaluator.errors import InfrastructureError, RefusedRequest, ServerFull
 from evaluator.records.episode import Episode, EpisodeKey, Grade, Outcome, Verdict
 from evaluator.records.run import RunRecord
 from evaluator.referee.contract import EndedEpisode, OpenedEpisode, Reward, Variant, WantedEpisode, WantedVariants
-from evaluator.referee.metrics import Metrics
-from evaluator.referee.recording import Recording
+from evaluator.referee.recording import Metrics, Recording
 from evaluator.referee.selection import proved_variant
 from evaluator.referee.shaping import shaping_of
 from evaluator.referee.variants import VariantPage, Variants

@@ -1,11 +1,68 @@
-"""Numbers the epochs of a referee's episodes, and writes the run record of these episodes."""
+"""What a referee counts: its episodes and refusals, in the text format of Prometheus, and the epochs of its records."""
 
 from collections import Counter
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 
 from evaluator.certify.seed_proofs import SeedProver
-from evaluator.records.episode import EpisodeKey
+from evaluator.records.episode import EpisodeKey, Outcome
 from evaluator.records.run import RunRecord
+
+CONTENT_TYPE = "text/plain; version=0.0.4; charset=utf-8"
+"""Media type of the text format."""
+
+
+@dataclass(slots=True)
+class Metrics:
+    """Counters of a referee since its start."""
+
+    opened: int = 0
+    expired: int = 0
+    """Episodes whose lease ended before their reward was requested."""
+    closed: int = 0
+    """Episodes that the trainer closed without a reward."""
+    rewards: Counter[Outcome] = field(default_factory=Counter[Outcome])
+    """Graded episodes by outcome."""
+    reward_sum: float = 0.0
+    refused: Counter[int] = field(default_factory=Counter[int])
+    """Refused requests by status."""
+
+    def text(self, open_episodes: int, most: int) -> str:
+        """Return all values in the text format.
+
+        Args:
+            open_episodes: Number of open episodes.
+            most: Largest number of open episodes.
+        """
+        lines = [
+            *_family("episodes_open", "gauge", "Episodes that are open or being opened.", {"": open_episodes}),
+            *_family("episodes_limit", "gauge", "Most episodes that may be open.", {"": most}),
+            *_family("episodes_opened_total", "counter", "Episodes opened.", {"": self.opened}),
+            *_family("episodes_expired_total", "counter", "Episodes ended by their lease.", {"": self.expired}),
+            *_family("episodes_closed_total", "counter", "Episodes closed without a reward.", {"": self.closed}),
+            *_family(
+                "rewards_total",
+                "counter",
+                "Rewards given, by outcome.",
+                {f'{{outcome="{outcome.value}"}}': self.rewards[outcome] for outcome in sorted(self.rewards)},
+            ),
+            *_family("reward_sum", "gauge", "Sum of all rewards, which may be negative.", {"": self.reward_sum}),
+            *_family(
+                "refusals_total",
+                "counter",
+                "Refused requests, by status.",
+                {f'{{status="{status}"}}': self.refused[status] for status in sorted(self.refused)},
+            ),
+        ]
+        return "\n".join(lines) + "\n"
+
+
+def _family(name: str, kind: str, words: str, samples: dict[str, float]) -> Iterator[str]:
+    """Format one metric: its help text, its type, and one sample per set of labels."""
+    full = f"physment_referee_{name}"
+    yield f"# HELP {full} {words}"
+    yield f"# TYPE {full} {kind}"
+    yield from (f"{full}{labels} {value}" for labels, value in samples.items())
 
 
 @dataclass(slots=True)

@@ -26,7 +26,7 @@ from evaluator.episode.player import Briefing
 from evaluator.errors import InfrastructureError, RefusedRequest, StoreError, UsageError
 from evaluator.referee.contract import EndedEpisode, Reward, WantedEpisode, WantedGroup, WantedVariants
 from evaluator.referee.episodes import Referee
-from evaluator.referee.metrics import CONTENT_TYPE
+from evaluator.referee.recording import CONTENT_TYPE
 from physment_mcp.contract.request_origin import LOOPBACK, is_sent_to
 from scenes import is_world, reference_of
 

@@ -26,12 +26,12 @@ from evaluator.scores.grouping import (
     skill,
     skill_interval,
 )
-from evaluator.scores.scored_episode import ScoredEpisode
-from evaluator.scores.summaries import (
+from evaluator.scores.scored_episode import (
     AccuracyBounds,
     AppliedErratum,
     EvidenceSummary,
     LawSummary,
+    ScoredEpisode,
     accuracy_bounds,
     applied_errata,
     evidence_summary,

@@ -21,8 +21,7 @@ from evaluator.scores.failures.detect import failures_of
 from evaluator.scores.failures.findings import expected_form
 from evaluator.scores.grounding import grounding_of
 from evaluator.scores.metrics import RunSummary, summarise
-from evaluator.scores.scored_episode import ScoredEpisode
-from evaluator.scores.summaries import is_withdrawn, withdrawn_grade
+from evaluator.scores.scored_episode import ScoredEpisode, is_withdrawn, withdrawn_grade
 from evaluator.store.run_folder import RunFolder
 from scenes import content_hash_of, reference_of
 

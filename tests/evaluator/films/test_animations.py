@@ -8,7 +8,7 @@ from PIL import Image
 
 from evaluator.certify.moving_pictures import Moment, Shown
 from evaluator.certify.renderer import NoRenderer, renderers
-from evaluator.commands.film_webp import WEBP
+from evaluator.commands.film import WEBP
 from evaluator.commands.program import main
 from evaluator.films.animation import MOST_FRAMES, animation_of
 from evaluator.report.attachments import film_file, regular_file
