@@ -7,7 +7,6 @@ import subprocess
 import sys
 import xml.etree.ElementTree as ET
 import zlib
-from collections.abc import Iterator
 from typing import Any
 
 import mcp_types as types
@@ -16,7 +15,6 @@ import pytest
 from mcp import Client
 from mcp.client.stdio import StdioServerParameters, stdio_client
 
-from physment_mcp.errors import UsageError
 from physment_mcp.scene import load_scene, load_variants, scene_ids
 from physment_mcp.serving.server import build_server
 from physment_mcp.serving.slot import EpisodeSlot
@@ -25,20 +23,14 @@ from physment_mcp.session import Session
 from physment_mcp.tools.calls import call
 from physment_mcp.visibility import bodies_of, visibility_of
 from physment_mcp.world.pictures.showing import picture_model
+from tests.builders.frames import open_painter
 from tests.builders.laboratory import OpenLab, WritePack
 
 pytestmark = pytest.mark.anyio
 Pixels = np.ndarray
 
 
-@pytest.fixture(scope="module")
-def painter() -> Iterator[Painter]:
-    try:
-        made = Painter()
-    except UsageError as error:
-        pytest.skip(str(error))
-    yield made
-    made.close()
+painter = pytest.fixture(scope="module")(open_painter)
 
 
 def pixels_of(png: bytes) -> Pixels:

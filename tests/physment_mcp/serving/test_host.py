@@ -185,12 +185,6 @@ async def test_a_request_to_another_host_name_is_refused(inside: OpenHost, name:
         assert not host._episodes
 
 
-@pytest.mark.parametrize("name", ["127.0.0.1:8000", "localhost", "localhost:1", "[::1]:8000", "[::1]"])
-async def test_a_request_to_this_machine_is_served(inside: OpenHost, name: str) -> None:
-    async with inside() as (_, http):
-        assert (await http.get("/healthz", headers={"Host": name})).status_code == 200
-
-
 @pytest.mark.parametrize(
     ("method", "path", "status"),
     [

@@ -190,7 +190,7 @@ async def test_a_refusal_repeats_little_of_a_long_request(inside: OpenHost) -> N
         assert max(len(reply.text) for reply in asked) < 300
 
 
-@pytest.mark.parametrize("name", ["127.0.0.1:8000", "localhost", "LOCALHOST:1", "[::1]:8000", "[::1]"])
+@pytest.mark.parametrize("name", ["127.0.0.1:8000", "localhost", "localhost:1", "LOCALHOST:1", "[::1]:8000", "[::1]"])
 async def test_a_request_to_this_machine_is_served(inside: OpenHost, name: str) -> None:
     async with inside() as (_, http):
         assert (await http.get("/healthz", headers={"Host": name})).status_code == 200
