@@ -20,9 +20,8 @@ from mcp import Client, StdioServerParameters
 from mcp.client.extension import ClientExtension
 from mcp.client.stdio import stdio_client
 
-from evaluator.episode.broken_connection import own_error, server_failure, without_seed
+from evaluator.episode.connections import AVAILABLE, ControlSocket, own_error, passed, server_failure, without_seed
 from evaluator.episode.hosts import CALL_TIMEOUT_S, TEXT, TOKEN_VARIABLE, HostConnector, LocalHost, client_of
-from evaluator.episode.passed_sockets import AVAILABLE, ControlSocket, passed
 from evaluator.episode.toolbox import Toolboxes
 from evaluator.errors import PermanentFailure, UsageError
 from evaluator.records.run import SeedOf, seed_as_recorded

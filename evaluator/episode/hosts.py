@@ -25,8 +25,17 @@ from mcp.client._transport import Transport
 from mcp.client.extension import ClientExtension
 from mcp.client.streamable_http import streamable_http_client
 
-from evaluator.episode.broken_connection import first_error, own_error, reason, server_failure, without_seed
-from evaluator.episode.passed_sockets import AVAILABLE, ControlSocket, Messages, passed
+from evaluator.episode.connections import (
+    AVAILABLE,
+    ControlSocket,
+    Messages,
+    first_error,
+    own_error,
+    passed,
+    reason,
+    server_failure,
+    without_seed,
+)
 from evaluator.episode.toolbox import Toolboxes
 from evaluator.errors import EvaluatorError, InfrastructureError, ServerFull, UsageError
 from evaluator.records.run import SeedOf, seed_as_recorded

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from evaluator.answers.keys import KeyRing
 from evaluator.answers.rewards import chance_of_form
 from evaluator.certify.records import SceneCertificate, read_certificates
-from evaluator.episode.broken_connection import without_seed
+from evaluator.episode.connections import without_seed
 from evaluator.errors import RefusedRequest, UsageError
 from evaluator.records.episode import EpisodeKey
 from evaluator.records.run import RunRecord

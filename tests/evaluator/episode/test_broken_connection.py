@@ -6,7 +6,7 @@ import ssl
 import httpx2
 import pytest
 
-from evaluator.episode.broken_connection import reason
+from evaluator.episode.connections import reason
 
 
 @pytest.mark.parametrize(

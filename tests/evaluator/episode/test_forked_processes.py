@@ -8,7 +8,7 @@ import anyio
 import pytest
 
 from evaluator.episode.connect import EpisodeConnector, connect
-from evaluator.episode.passed_sockets import AVAILABLE
+from evaluator.episode.connections import AVAILABLE
 from evaluator.errors import InfrastructureError
 
 pytestmark = [

@@ -9,8 +9,8 @@ from pathlib import Path
 import anyio
 import pytest
 
+from evaluator.episode.connections import ControlSocket, passed
 from evaluator.episode.hosts import HostConnector, LocalHost
-from evaluator.episode.passed_sockets import ControlSocket, passed
 from evaluator.errors import InfrastructureError, UsageError
 
 
