@@ -44,28 +44,24 @@ def count_of(things: str) -> Callable[[str], int]:
     return read
 
 
-def seconds(text: str) -> float:
-    """Argument type: a duration above 0 [s]."""
-    value = _number(text)
-    if not 0 < value < math.inf:
-        raise argparse.ArgumentTypeError(f"{text} is not a time above 0, in seconds")
-    return value
+def _above_zero(words: str) -> Callable[[str], float]:
+    """Return an argument type for a number above 0, which `words` describe in error messages."""
+
+    def read(text: str) -> float:
+        value = _number(text)
+        if not 0 < value < math.inf:
+            raise argparse.ArgumentTypeError(f"{text} is not {words}")
+        return value
+
+    return read
 
 
-def logits(text: str) -> float:
-    """Argument type: a standard error above 0 [logits]."""
-    value = _number(text)
-    if not 0 < value < math.inf:
-        raise argparse.ArgumentTypeError(f"{text} is not a standard error above 0, in logits")
-    return value
-
-
-def us_dollars(text: str) -> float:
-    """Argument type: an amount of money above 0 [USD]."""
-    value = _number(text)
-    if not 0 < value < math.inf:
-        raise argparse.ArgumentTypeError(f"{text} is not an amount of money above 0, in US dollars")
-    return value
+seconds = _above_zero("a time above 0, in seconds")
+"""Argument type: a duration above 0 [s]."""
+logits = _above_zero("a standard error above 0, in logits")
+"""Argument type: a standard error above 0 [logits]."""
+us_dollars = _above_zero("an amount of money above 0, in US dollars")
+"""Argument type: an amount of money above 0 [USD]."""
 
 
 def temperature(text: str) -> float:
