@@ -1,10 +1,12 @@
-"""The instruments of a scene: the resolution and the noise of readings."""
+"""The instruments of a scene: the resolution, the noise and the admitted systematic errors of readings."""
 
 from physment_mcp.world import Fineness, Readout
 from physment_mcp.world.readout import EXACT, Quantity
+from physment_mcp.world.systematic import Systematic
 from scenes import Noise, PublicPack
 
 _QUANTITIES: tuple[Quantity, ...] = ("position", "velocity", "angle", "spin")
+_SYSTEMATIC: tuple[Systematic, ...] = ("position", "angle")
 
 
 def readout_of(public: PublicPack) -> Readout:
@@ -18,4 +20,6 @@ def readout_of(public: PublicPack) -> Readout:
         fine = Fineness(getattr(said, quantity), getattr(noise, quantity))
         if fine != Fineness():
             fineness[quantity] = fine
-    return Readout(fineness, str(public.scene_id))
+    bounds = [one for one in (said.bias, said.drift) if one is not None]
+    admitted = frozenset(name for name in _SYSTEMATIC if any(getattr(one, name) for one in bounds))
+    return Readout(fineness, str(public.scene_id), admitted)

@@ -11,7 +11,7 @@ from scenes.errors import PackError, WorldError
 from scenes.export import export_packs
 from scenes.finding import find_pack
 from scenes.folder import PackFiles, default_folder, list_packs, read_pack
-from scenes.laboratory import Instruments, LabLimits, Noise
+from scenes.laboratory import Instruments, LabLimits, Noise, SystematicBounds
 from scenes.model import USUAL_TIMESTEP_S, changed_mjcf, drawn_mjcf, timestep_of
 from scenes.new import write_new_scene
 from scenes.pack import CANARY, Catch, Category, Law, Pack, Permissions, Rung
@@ -42,6 +42,7 @@ __all__ = [
     "PublicQuantity",
     "Rung",
     "Scalar",
+    "SystematicBounds",
     "WorldError",
     "changed_mjcf",
     "content_hash_of",

@@ -1,5 +1,7 @@
 """The public fields of a pack about its laboratory: the limits of an episode, and the instruments."""
 
+from typing import Any
+
 from pydantic import BaseModel, ConfigDict, Field
 
 
@@ -35,6 +37,19 @@ class Noise(_LaboratoryModel):
     """Noise of each component of a spin [rad/s]."""
 
 
+class SystematicBounds(_LaboratoryModel):
+    """Bounds of the systematic errors of positions. The model of the scene contains the errors themselves."""
+
+    position: float = Field(default=0.0, ge=0)
+    """Bound of each coordinate of a position [m, or m/s for a drift]."""
+    angle: float = Field(default=0.0, ge=0)
+    """Bound of an angle [rad, or rad/s for a drift]."""
+
+
+def _is_none(value: Any) -> bool:
+    return value is None
+
+
 class Instruments(_LaboratoryModel):
     """Resolution of each instrument; 0 for full precision."""
 
@@ -48,3 +63,7 @@ class Instruments(_LaboratoryModel):
     """Resolution of each component of a spin [rad/s]."""
     noise: Noise | None = None
     """Noise that is added before rounding; all readings of one quantity at one moment share it."""
+    bias: SystematicBounds | None = Field(default=None, exclude_if=_is_none)
+    """Largest systematic error of positions when the clock shows 0; it is the same for all objects."""
+    drift: SystematicBounds | None = Field(default=None, exclude_if=_is_none)
+    """Largest change of the systematic error of positions per second; the change is uniform."""

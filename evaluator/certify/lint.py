@@ -48,6 +48,7 @@ _TOLD = {
 """Kind of a part of the schematic → words by which a task mentions it."""
 _VARIANTS = 20
 """Number of seeds that are compiled if the parts or the forces of a model depend on the draw."""
+_PLACING = ("move_object", "change_position", "create_objects", "attach_objects")
 _EDITS = ("create_objects", "attach_objects", "delete_objects")
 
 
@@ -204,6 +205,10 @@ def _tools(_files: PackFiles, pack: Pack, _mjcf: str) -> Iterator[str]:
             yield f"requires names {tool}, which is no tool"
         if tool in pack.disabled_tools:
             yield f"requires names {tool}, which the scene disables"
+    if pack.instruments and (pack.instruments.bias or pack.instruments.drift):
+        placing = [tool for tool in _PLACING if tool not in pack.disabled_tools]
+        if placing:
+            yield f"disable {', '.join(placing)}: bodies would be put relative to positions with a systematic error"
 
 
 def _hidden(_files: PackFiles, pack: Pack, _mjcf: str) -> Iterator[str]:

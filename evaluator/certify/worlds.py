@@ -56,11 +56,12 @@ def course_gap(record: WorldRecord) -> float:
     """Return the largest difference of engine and theory under the certificate's pushes [standard deviations]."""
     structure = record.structure
     course = simulated(structure, record.constants, record.told, None, 0.01)
+    true = course.readings - record.told.errors_at(record.constants, np.cumsum(course.durations))
     engine, worst = Engine(mjcf_of(record)), 0.0
-    for lasting, held, read in zip(course.durations, course.controls, course.readings, strict=True):
+    for lasting, held, seen in zip(course.durations, course.controls, true, strict=True):
         _push(engine, record.apparatus, held)
         engine.step(engine.whole_steps(float(lasting)))
-        worst = max(worst, float(np.abs((_seen(engine, structure) - read) / record.told.sigma).max()))
+        worst = max(worst, float(np.abs((_seen(engine, structure) - seen) / record.told.sigma).max()))
     return worst
 
 

@@ -4,11 +4,11 @@ The first three depend on the pack. The list of tools is for agents that have no
 """
 
 import json
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
 from physment_mcp.tools.base import Tool
-from scenes import AnswerForm, AnswerKind, Instruments, LabLimits, PublicPack, PublicQuantity
+from scenes import AnswerForm, AnswerKind, Instruments, LabLimits, PublicPack, PublicQuantity, SystematicBounds
 
 
 def laboratory_blocks(scene: PublicPack) -> list[str]:
@@ -56,7 +56,22 @@ def _instruments(instruments: Instruments) -> list[str]:
             rules.append(f"{_PLURALS[name]}: {' and '.join(parts)}.")
     if instruments.noise is not None:
         rules.append("A second reading at the same moment repeats the first; errors at different moments differ.")
-    return rules
+    return [*rules, *_systematic(instruments)]
+
+
+def _systematic(instruments: Instruments) -> Iterator[str]:
+    """Yield a sentence that admits the systematic error of positions, and one for angles, if they have one."""
+    bounds = (instruments.bias or SystematicBounds(), instruments.drift or SystematicBounds())
+    for name, plural, unit in (("position", "positions", "m"), ("angle", "angles", "rad")):
+        bias, drift = (getattr(one, name) for one in bounds)
+        if bias or drift:
+            begins = f"between -{bias:g} and {bias:g} {unit}" if bias else "0"
+            rate = f"changes at a constant rate between -{drift:g} and {drift:g} {unit}/s"
+            yield (
+                f"The sensor of {plural} also adds an error, which is the same for all objects and which you are not"
+                f" told. Each coordinate of it is {begins} when the clock shows 0, and {rate if drift else 'stays so'}."
+                " Questions are about true values."
+            )
 
 
 _PLURALS = {

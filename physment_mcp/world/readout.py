@@ -1,4 +1,4 @@
-"""Measurement model of the instruments: resolution, seeded noise, and readings of one state.
+"""Measurement model of the instruments: resolution, seeded noise, systematic errors, and readings of one state.
 
 Related readings of a body at one moment share their noise. Position, centre of mass and everything that tools derive
 from them use the same three random numbers; so do orientation and joint angle, and spin and joint speed. Otherwise the
@@ -16,6 +16,7 @@ import numpy as np
 
 from physment_mcp.world import readings
 from physment_mcp.world.readings import Array, Contact, HingeMotion, Pose, Twist
+from physment_mcp.world.systematic import Systematic, SystematicError
 
 Quantity = Literal["position", "velocity", "angle", "spin"]
 
@@ -45,10 +46,18 @@ class Readout:
     fineness: Mapping[Quantity, Fineness] = field(default_factory=dict[Quantity, Fineness])
     seed: str = ""
     """Seed of the noise. It must not depend on hidden values."""
+    admitted: frozenset[Systematic] = frozenset()
+    """Quantities of which the prompt admits a systematic error."""
+    systematic: Mapping[Systematic, SystematicError] = field(default_factory=dict[Systematic, SystematicError])
+    """Systematic error of each quantity that has one."""
 
     def salted(self, salt: str) -> Self:
         """A copy whose noise also depends on a secret salt."""
         return replace(self, seed=f"{self.seed}:{salt}")
+
+    def with_errors(self, errors: Mapping[Systematic, SystematicError]) -> Self:
+        """A copy with the systematic errors of a model, as far as the prompt admits them."""
+        return replace(self, systematic={name: error for name, error in errors.items() if name in self.admitted})
 
     def is_noisy(self, quantity: Quantity) -> bool:
         """Whether readings of a quantity have noise."""
@@ -81,9 +90,9 @@ class Readout:
 
         Args:
             true: The true orientation.
-            noise: A small rotation vector (3,), world axes, by which the reading is turned [rad].
+            noise: A rotation vector (3,), world axes, by which the reading is turned [rad].
         """
-        if "angle" not in self.fineness:
+        if "angle" not in self.fineness and "angle" not in self.systematic:
             return true
         turned = true if not noise.any() else _product(quaternion_of(noise), true)
         return quaternion_of(self.rounded("angle", rotation_vector(turned)))
@@ -153,13 +162,13 @@ class Sensors(NamedTuple):
         """Pose of the body frame, world coordinates."""
         true = readings.pose(self.model, self.data, self._id(body))
         return Pose(
-            self.readout.rounded("position", true.position + self._noise("position", body)),
-            self.readout.read_quaternion(true.quaternion, self._noise("angle", body)),
+            self.readout.rounded("position", true.position + self._error("position", body)),
+            self.readout.read_quaternion(true.quaternion, self._error("angle", body)),
         )
 
     def centre(self, body: str) -> Array:
         """Centre of mass (3,) [m], world coordinates. Source: MuJoCo `xipos`."""
-        return self.readout.rounded("position", self.data.xipos[self._id(body)] + self._noise("position", body))
+        return self.readout.rounded("position", self.data.xipos[self._id(body)] + self._error("position", body))
 
     def twist(self, body: str) -> Twist:
         """Angular velocity, and linear velocity of the centre of mass, both along the world axes."""
@@ -179,7 +188,11 @@ class Sensors(NamedTuple):
         true = readings.turn(self.model, self.data, self._id(body))
         if true is None:
             return None
-        angle = self.readout.rounded("angle", true.angle + self._joint_noise("angle", body))
+        error = self._joint_noise("angle", body)
+        axis = readings.hinge_axis(self.model, self.data, self._id(body)) if self.readout.systematic else None
+        if axis is not None:
+            error = error + self._systematic("angle") @ axis
+        angle = self.readout.rounded("angle", true.angle + error)
         spin = self.readout.rounded("spin", true.spin + self._joint_noise("spin", body))
         return HingeMotion(float(angle[0]), float(spin[0]))
 
@@ -192,17 +205,30 @@ class Sensors(NamedTuple):
         true = readings.contact(self.model, self.data, self._id(first), self._id(second))
         if true is None:
             return None
+        place = true.point + self._pair_noise("position", first, second)
+        if self.readout.systematic:
+            place = place + self._systematic("position")
         tilt = self._pair_noise("angle", first, second)
         closing = self._noise("velocity", first) - self._noise("velocity", second)
         speed_noise = closing @ true.normal + self.readout.noise("velocity", _pair(first, second), self.step, 1)
         return Contact(
-            self.readout.rounded("position", true.point + self._pair_noise("position", first, second)),
+            self.readout.rounded("position", place),
             self.readout.read_direction(true.normal, np.cross(tilt, true.normal)),
             float(self.readout.rounded("velocity", true.approach_speed + speed_noise)[0]),
         )
 
     def _id(self, body: str) -> int:
         return int(self.model.body(body).id)
+
+    def _systematic(self, quantity: Systematic) -> Array:
+        """Systematic error (3,) of a quantity at this step; zeros if it has none."""
+        error = self.readout.systematic.get(quantity)
+        return np.zeros(3) if error is None else error.at(self.step * float(self.model.opt.timestep))
+
+    def _error(self, quantity: Systematic, body: str) -> Array:
+        """Error (3,) of a body's position or orientation at this step: noise and systematic error."""
+        noise = self._noise(quantity, body)
+        return noise + self._systematic(quantity) if self.readout.systematic else noise
 
     def _noise(self, quantity: Quantity, body: str) -> Array:
         """Noise (3,) shared by all readings of a vector quantity of a body at this step."""

@@ -17,6 +17,7 @@ from physment_mcp.world.pictures.showing import Frame, Part, ShownPart
 from physment_mcp.world.readings import Array, Contact, HingeMotion, Pose, Shape, Twist
 from physment_mcp.world.readout import EXACT, Readout, Sensors
 from physment_mcp.world.simulation import Simulation, settle
+from physment_mcp.world.systematic import read_errors
 
 NOISE_SALT = "noise_salt"
 """Name of the model's text element with the secret salt of the instrument noise, which makes it unpredictable."""
@@ -33,11 +34,15 @@ class World(Simulation):
         Args:
             mjcf: MuJoCo XML.
             timestep: Time step to use in place of the model's own [s]; for step-halving checks.
-            readout: Resolution and noise of the instruments.
+            readout: Resolution and noise of the instruments. The model contains the systematic errors that it admits.
+
+        Raises:
+            SceneError: The model does not compile, or has laws or systematic errors that are not in the format.
         """
         super().__init__(mjcf, timestep)
         salts = [text.data for text in self._spec.texts if text.name == NOISE_SALT]
-        self._readout = readout.salted(salts[0]) if salts else readout
+        readout = readout.salted(salts[0]) if salts else readout
+        self._readout = readout.with_errors(read_errors(self._spec)) if readout.admitted else readout
 
     def read_with(self, readout: Readout) -> None:
         """Replace the instruments. For certification; no tool calls it."""

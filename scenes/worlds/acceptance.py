@@ -25,8 +25,9 @@ from scenes.worlds.parts import Apparatus
 from scenes.worlds.predictions import on_course
 from scenes.worlds.questions import Question, tolerance
 from scenes.worlds.refits import Refits, constants_of, units_of
-from scenes.worlds.rivals import mistakable, rival_of
+from scenes.worlds.rivals import mistakable, removable, rival_of
 from scenes.worlds.search import Search
+from scenes.worlds.sensors import draw_errors
 from scenes.worlds.terms import Structure
 from scenes.worlds.weak_form import Legs
 
@@ -102,8 +103,11 @@ class Maker:
 
     def _drawn(self) -> DrawnWorld:
         structure = draw_structure(self.difficulty, self.rng, self.split)
-        told = Situation(structure.apparatus, structure.radius, FORCE, self.difficulty.looks, self.difficulty.noise)
+        own = self.difficulty
+        told = Situation(structure.apparatus, structure.radius, FORCE, own.looks, own.noise, own.bias, own.drift)
         constants = draw_constants(structure, self.rng)
+        if told.errors:
+            constants |= draw_errors(told.width, told.bias, told.drift, self.rng)
         _refuse_wild(
             structure, constants, told
         )  # checked first, because it is the most frequent reason and the cheapest to detect
@@ -129,6 +133,8 @@ class Maker:
         refits = Refits(structure, constants, world.told, _REFIT_SEED)
         _refuse_useless(world, refits)
         world, refits = _determined(world, refits, self.difficulty)
+        if removable(refits, world.questions, np.array(world.key)):
+            raise Refused("the answers are right without the error of the sensor")
         _refuse_unsolved(world, self.rng)
         _refuse_mistakable(world, refits, self.rng)
         return world
@@ -184,8 +190,8 @@ def _refuse_wild(structure: Structure, constants: Mapping[str, float], told: Sit
     if not np.isfinite(course.readings).all():
         raise Refused("the object leaves the floor")
     if told.apparatus is not Apparatus.WHEEL:
-        width = 2 if told.apparatus.flat else 1
-        places = course.readings.reshape(len(course.readings), told.bodies, 2, width)[:, :, 0]
+        true = course.readings - told.errors_at(constants, np.cumsum(course.durations))
+        places = true.reshape(len(true), told.bodies, 2, told.width)[:, :, 0]
         if (np.linalg.norm(places, axis=2) > told.radius).mean() > 0.15:
             raise Refused("the object leaves the floor")
     if float(np.sqrt((retraced(structure, constants, told, course) ** 2).mean())) > _SENSITIVE:
@@ -207,7 +213,7 @@ class _Information:
         unit = on_unit(laws, constants)
         around = np.column_stack([unit[:, None], unit[:, None] + _SHIFT * np.eye(len(unit))])
         misfits = laws.misfits(course, structure.label, around, by_legs=False)
-        self._told = told
+        self._told, self._durations = told, course.durations
         self._slope: Array = (misfits[:, 1:] - misfits[:, :1]) / _SHIFT
         self._prior: Array = self._slope[course.readings.size :]
         found, self._gradient = gradients(structure, laws.constants(structure.label, around), _SHIFT, asked, longest_s)
@@ -215,7 +221,8 @@ class _Information:
 
     def spread(self, looks: int) -> Array:
         """Return the smallest standard error of each answer after a number of readings, in tolerances."""
-        rows = np.vstack([self._slope[: looks * len(self._told.sigma)], self._prior])
+        read = self._told.whitened(self._slope[: looks * len(self._told.sigma)], self._durations[:looks])
+        rows = np.vstack([read, self._prior])
         variance = np.einsum("qi,ij,qj->q", self._gradient, np.linalg.inv(rows.T @ rows), self._gradient)
         return _finite(np.sqrt(np.abs(variance)) / self._tolerance)
 

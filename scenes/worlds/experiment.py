@@ -18,6 +18,7 @@ from scenes.fitting import Array
 from scenes.worlds.drawing import searched
 from scenes.worlds.equations import followed, rates_of
 from scenes.worlds.parts import Apparatus
+from scenes.worlds.sensors import error_columns, error_names, whitened
 from scenes.worlds.terms import Structure
 
 LOOK_S, LOOKS = 0.45, 2
@@ -53,6 +54,10 @@ class Situation:
     """Number of readings that the calls and the time allow."""
     noise: float
     """Standard deviation of positions [m, rad]; the number for velocities is twice as large [m/s, rad/s]."""
+    bias: float = 0.0
+    """Largest error of the position sensor at time 0 [m, rad]; see `scenes.worlds.sensors`."""
+    drift: float = 0.0
+    """Largest change of the error per second [m/s, rad/s]."""
 
     @property
     def sigma(self) -> Array:
@@ -62,8 +67,42 @@ class Situation:
     @property
     def noises(self) -> Array:
         """Standard deviation of the noise of each reading."""
-        width = 2 if self.apparatus.flat else 1
-        return np.tile(np.repeat([self.noise, 2 * self.noise], width), self.bodies)
+        return np.tile(np.repeat([self.noise, 2 * self.noise], self.width), self.bodies)
+
+    @property
+    def errors(self) -> tuple[str, ...]:
+        """Names of the constants that are errors of the position sensor; none if the prompt admits no error."""
+        return error_names(self.width) if self.bias or self.drift else ()
+
+    def errors_at(self, constants: Mapping[str, float], times: Array) -> Array:
+        """Return the systematic error of each reading at times [s]; shape (times, readings)."""
+        values = np.array([constants[name] for name in self.errors])
+        return error_columns(times, self.bodies, self.width)[:, :, : len(values)] @ values
+
+    def spread(self, durations: Array) -> Array:
+        """Return the systematic error of readings for errors of the size of their bounds; (readings, errors)."""
+        if not self.errors:
+            return np.zeros((len(durations) * len(self.sigma), 0))
+        columns = error_columns(np.cumsum(durations), self.bodies, self.width)
+        return (columns * np.repeat([self.bias, self.drift], self.width)).reshape(-1, columns.shape[2])
+
+    def whitened(self, misfits: Array, durations: Array) -> Array:
+        """Eliminate the errors of the position sensor from misfits of readings.
+
+        Args:
+            misfits: Misfits in standard deviations, a column for each trial; further rows are kept.
+            durations: Time between readings [s].
+        """
+        if not self.errors:
+            return misfits
+        count = len(durations) * len(self.sigma)
+        spread = self.spread(durations) / np.tile(self.sigma, len(durations))[:, None]
+        return np.vstack([whitened(misfits[:count], spread), misfits[count:]])
+
+    @property
+    def width(self) -> int:
+        """Number of components of a position."""
+        return 2 if self.apparatus.flat else 1
 
     @property
     def bodies(self) -> int:
@@ -149,7 +188,7 @@ def simulated(
 
     Args:
         structure: The terms of the law.
-        constants: Their constants.
+        constants: Their constants, and the errors of the position sensor if it has any.
         told: Limits and instruments.
         noise_seed: Seed of the instrument noise; readings are then rounded, too. None for exact readings.
         longest_s: Longest step of the integration [s].
@@ -165,6 +204,8 @@ def simulated(
                 state = followed(rates, constants, time, state, pushes.tolist(), LOOK_S, longest_s)
                 time += LOOK_S
                 read = np.array(state[: structure.read])
+                if told.errors:
+                    read = read + told.errors_at(constants, np.array([time]))[0]
                 if rng is not None:
                     read = np.round((read + sigma * rng.normal(size=len(read))) / RESOLUTION) * RESOLUTION
                 held.append(pushes)
@@ -175,7 +216,7 @@ def simulated(
 def retraced(
     structure: Structure, constants: Mapping[str, float], told: Situation, course: Course, longest_s: float = SEARCH_S
 ) -> Array:
-    """Return the differences of readings and theory under the same pushes [standard deviations].
+    """Return the whitened differences of readings and theory under the same pushes [standard deviations].
 
     Args:
         structure: The terms of the law.
@@ -193,7 +234,8 @@ def retraced(
         state = followed(rates, constants, time, state, held, lasting, longest_s)
         time += lasting
         seen.append(state[: structure.read])
-    return np.nan_to_num((np.array(seen) - course.readings) / told.sigma, nan=_FAR, posinf=_FAR, neginf=-_FAR)
+    found = np.nan_to_num((np.array(seen) - course.readings) / told.sigma, nan=_FAR, posinf=_FAR, neginf=-_FAR)
+    return told.whitened(found.reshape(-1, 1), course.durations).reshape(found.shape)
 
 
 @functools.lru_cache(1024)
@@ -212,6 +254,11 @@ def laws_of_fit(structure: Structure, told: Situation, longest_s: float = SEARCH
         sigma=tuple(told.sigma),
         longest_s=longest_s,
     )
+
+
+def course_misfits(structure: Structure, told: Situation, laws: Laws, course: Course, units: Array) -> Array:
+    """Return the whitened misfits of all legs in sequence, then the regularisation terms; a column for each trial."""
+    return told.whitened(laws.misfits(course, structure.label, units, by_legs=False), course.durations)
 
 
 def on_unit(laws: Laws, constants: Mapping[str, float]) -> Array:

@@ -40,6 +40,10 @@ class Difficulty:
 
     The noise is increased until the error reaches it.
     """
+    bias: float = 0.0
+    """Largest bias of the position sensor [m, rad]; 0 for none. See `scenes.worlds.sensors`."""
+    drift: float = 0.0
+    """Largest drift of the position sensor [m/s, rad/s]; 0 for none."""
 
     def changed(self, **attributes: Any) -> "Difficulty":
         """Return a copy of the difficulty with some attributes changed.
@@ -98,7 +102,7 @@ _READ: Mapping[str, Callable[[str], Any]] = {
 }
 """Parsers of attribute values; all other attributes are floats."""
 _BOUNDS = {"terms": (1, 6), "modulations": (0, 6), "hidden": (0, 3), "noise": (1e-4, 0.1), "looks": (12, 200),
-           "strong": (1.1, 5.0), "bound": (0.0, 0.35)}  # fmt: skip
+           "strong": (1.1, 5.0), "bound": (0.0, 0.35), "bias": (0.0, 2.0), "drift": (0.0, 0.2)}  # fmt: skip
 
 _TABLE = {
     1: Difficulty(_SINGLE, 1, 0, 0, 0.002, 30, 1.8),

@@ -15,6 +15,7 @@ from scenes.worlds.padding import NO_PADDING, Padding, padding_of
 from scenes.worlds.parts import Apparatus
 from scenes.worlds.questions import ABS_TOL, REL_TOL
 from scenes.worlds.records import Certificate, WorldRecord
+from scenes.worlds.sensors import error_names, stated_errors
 from scenes.worlds.tasks import LETTERS, asked_of, task_of
 from scenes.worlds.terms import START_M, Structure
 
@@ -22,6 +23,8 @@ TIMESTEP_S = 0.005
 """Time step of the engine [s]."""
 SALT = "noise_salt"
 """Name of the model's custom text that determines the noise of its instruments."""
+SENSOR = "systematic_errors"
+"""Name of the model's custom text with the systematic errors of its instruments."""
 _INERT = 'contype="0" conaffinity="0"'
 _AXES = {"x": "1 0 0", "y": "0 1 0", "z": "0 0 1"}
 _WORD = re.compile(r"[A-Za-z_]\w*")
@@ -83,6 +86,7 @@ def pack_of(record: WorldRecord, certificate: Certificate | None) -> Pack:
         "instruments": {
             **dict.fromkeys(quantities, RESOLUTION),
             "noise": dict(zip(quantities, (record.noise, 2 * record.noise), strict=True)),
+            **{part: {quantities[0]: getattr(record, part)} for part in ("bias", "drift") if getattr(record, part)},
         },
         "version": str(record.grammar),
         "canary": CANARY,
@@ -140,10 +144,20 @@ def _model(
     return (
         f'<mujoco><compiler angle="radian"/><option timestep="{TIMESTEP_S}" integrator="RK4" gravity="0 0 0"/>'
         f'<custom><text name="{SALT}" data={quoteattr(salt)}/>'
-        f'<text name="laws" data={quoteattr(json.dumps(laws, separators=(",", ":")))}/></custom>'
+        f'<text name="laws" data={quoteattr(json.dumps(laws, separators=(",", ":")))}/>'
+        f"{_sensor(apparatus, constants)}</custom>"
         f'<worldbody><light pos="0 0 8" dir="0 0 -1"/>{"".join(parts)}</worldbody>'
         f"{'' if start is None else _key(structure, padding, start)}</mujoco>\n"
     )
+
+
+def _sensor(apparatus: Apparatus, constants: Mapping[str, float]) -> str:
+    """Return the XML element with the errors of the position sensor; none if it has none."""
+    width = 2 if apparatus.flat else 1
+    if not constants.keys() & set(error_names(width)):
+        return ""
+    errors = stated_errors(constants, "angle" if apparatus is Apparatus.WHEEL else "position", width)
+    return f'<text name="{SENSOR}" data={quoteattr(json.dumps(errors))}/>'
 
 
 def _with_constants(law: Mapping[str, Any], constants: Mapping[str, float]) -> dict[str, Any]:

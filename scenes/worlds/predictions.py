@@ -13,7 +13,7 @@ from scenes.course_record import Course
 from scenes.fitting import Array, refined
 from scenes.worlds.answering import answers
 from scenes.worlds.candidates import Fit, score_of
-from scenes.worlds.experiment import COURSE_S, Situation, laws_of_fit
+from scenes.worlds.experiment import COURSE_S, Situation, course_misfits, laws_of_fit
 from scenes.worlds.questions import Question, tolerance
 from scenes.worlds.refits import constants_of
 from scenes.worlds.search import Search
@@ -135,7 +135,7 @@ def on_course(course: Course, told: Situation, fit: Fit, longest_s: float = COUR
     laws = replace(laws_of_fit(structure, told, longest_s), box=box)
 
     def misfits(units: Array) -> Array:
-        return laws.misfits(course, structure.label, units, by_legs=False)
+        return course_misfits(structure, told, laws, course, units)
 
     unit = refined(misfits, fit.unit, _ROUNDS)
     around = misfits(unit[:, None] + _SHIFT * np.column_stack([np.zeros(len(unit)), np.eye(len(unit))]))

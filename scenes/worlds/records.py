@@ -13,6 +13,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any, Literal, Self, TypeVar
 
+import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from scenes.errors import WorldError
@@ -62,6 +63,10 @@ class WorldRecord(_Line):
     force: float = Field(gt=0)
     looks: int = Field(ge=2, le=1000)
     noise: float = Field(ge=0)
+    bias: float = Field(default=0.0, ge=0)
+    """Largest admitted bias of the position sensor [m, rad]. `constants` contains the bias itself."""
+    drift: float = Field(default=0.0, ge=0)
+    """Largest admitted drift of the position sensor [m/s, rad/s]."""
     questions: tuple[Question, ...]
 
     @model_validator(mode="after")
@@ -71,8 +76,12 @@ class WorldRecord(_Line):
         if not all(form in forms and factors.issuperset(names) for form, names in self.terms):
             msg = f"a {self.apparatus} has no such part; is the record of a newer version?"
             raise ValueError(msg)
-        if self.constants.keys() != self.structure.ranges.keys():
+        if self.constants.keys() != {*self.structure.ranges, *self.told.errors}:
             msg = "the constants are not those of the terms"
+            raise ValueError(msg)
+        bounds = np.repeat([self.bias, self.drift], self.told.width)[: len(self.told.errors)]
+        if any(abs(self.constants[name]) > bound for name, bound in zip(self.told.errors, bounds, strict=True)):
+            msg = "an error of the position sensor is larger than the prompt admits"
             raise ValueError(msg)
         size = self.structure.controls
         if any({len(one.place), len(one.speed), len(one.push)} != {size} for one in self.questions):
@@ -107,7 +116,7 @@ class WorldRecord(_Line):
     @property
     def told(self) -> Situation:
         """Return the information in the prompt: apparatus, limits and instruments."""
-        return Situation(self.apparatus, self.radius, self.force, self.looks, self.noise)
+        return Situation(self.apparatus, self.radius, self.force, self.looks, self.noise, self.bias, self.drift)
 
     @property
     def scene_id(self) -> int:

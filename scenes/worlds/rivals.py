@@ -11,6 +11,7 @@ import itertools
 import math
 import random
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 from scipy.special import chdtri
@@ -21,7 +22,8 @@ from scenes.worlds.answering import answers
 from scenes.worlds.candidates import Fit
 from scenes.worlds.catalogue import FORMS, MODULATIONS
 from scenes.worlds.drawing import draw_constants
-from scenes.worlds.experiment import laws_of_fit, on_unit
+from scenes.worlds.experiment import SEARCH_S, course_misfits, laws_of_fit, on_unit
+from scenes.worlds.predictions import on_course
 from scenes.worlds.questions import Question, tolerance
 from scenes.worlds.refits import WORSE, Refits, constants_of
 from scenes.worlds.terms import Structure, Term
@@ -63,6 +65,25 @@ def _right(fit: Fit, asked: Sequence[Question], key: Array) -> bool:
     return bool((np.abs(found - key) <= tolerance(key)).all())
 
 
+def removable(refits: Refits, asked: Sequence[Question], key: Array) -> bool:
+    """Return whether the answers do not depend on the bias, or on the drift, of the position sensor.
+
+    That is, a fit of the true structure that neglects one of them gives right answers.
+
+    Args:
+        refits: The readings of the sampled world.
+        asked: The questions.
+        key: The right answers to the questions.
+    """
+    for part in ("bias", "drift"):
+        if getattr(refits.told, part):
+            told = replace(refits.told, **{part: 0.0})
+            naive = on_course(refits.course, told, refits.drawn, SEARCH_S)
+            if _right(naive, asked, key):
+                return True
+    return False
+
+
 _NEAR = 3.0
 """Threshold of the mean square of the legs' misfits for fitting the whole course, as a multiple of `WORSE`."""
 _STARTS, _REFIT_ROUNDS = 2, 8
@@ -97,7 +118,7 @@ def _of_course(refits: Refits, fit: Fit) -> Mapping[str, float]:
     laws, label = laws_of_fit(fit.structure, refits.told), fit.structure.label
 
     def misfits(units: Array) -> Array:
-        return laws.misfits(refits.course, label, units, by_legs=False)
+        return course_misfits(fit.structure, refits.told, laws, refits.course, units)
 
     begun = np.clip(on_unit(laws, constants_of(fit)), 0, 1)
     return laws.constants(label, refined(misfits, begun, _REFIT_ROUNDS))

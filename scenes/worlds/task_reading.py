@@ -46,7 +46,17 @@ def situation_of(prompt: str) -> Situation:
     looks = int(seconds / LOOK_S + 1e-6)
     while looks * (1 + 2 * bodies) + -(-looks // LOOKS) * bodies > calls:
         looks -= 1
-    return Situation(apparatus, radius, force, looks, noise)
+    return Situation(apparatus, radius, force, looks, noise, *_sensor(prompt))
+
+
+def _sensor(prompt: str) -> tuple[float, float]:
+    """Parse the largest bias and drift of the position sensor; zeros if the prompt admits none."""
+    line = re.search(r"The sensor of (?:positions|angles) also adds an error[^\n]*", prompt)
+    bias, drift = (
+        re.search(rf"between -\S+ and (\S+) {unit}", line[0]) if line else None
+        for unit in (r"(?:m|rad) when", r"(?:m|rad)/s\b")
+    )
+    return (float(bias[1]) if bias else 0.0), (float(drift[1]) if drift else 0.0)
 
 
 def questions_of(prompt: str) -> tuple[Question, ...]:

@@ -26,6 +26,7 @@ from scenes.worlds.experiment import SEARCH_S, Situation
 from scenes.worlds.hidden_paths import SampledPath, hidden_states
 from scenes.worlds.law_texts import ODO_RATE
 from scenes.worlds.parts import Range
+from scenes.worlds.sensors import kinematic_errors
 from scenes.worlds.terms import Structure, Term
 
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(4)
@@ -87,9 +88,17 @@ class Legs:
 
     @classmethod
     def of(cls, course: Course, told: Situation) -> "Legs":
-        """Create legs that are linearised around the readings themselves."""
+        """Create legs that are linearised around the readings, less the error that a sensor seems to have."""
         bare = Structure(told.apparatus, (), told.radius)
-        return cls(course, told, np.vstack([np.array(bare.start)[: bare.read], course.readings]))
+        path = np.vstack([np.array(bare.start)[: bare.read], course.readings])
+        if told.errors:
+            spread = told.spread(course.durations)
+            nodes = path.reshape(len(path), told.bodies, 2, told.width)
+            places, speeds = (nodes[:, :, at].reshape(len(path), -1) for at in (0, 1))
+            of_places = spread.reshape(*nodes[1:].shape, -1)[:, :, 0].reshape(*places[1:].shape, -1)
+            found = kinematic_errors(places, speeds, course.durations, of_places)
+            path[1:] -= (spread @ found).reshape(course.readings.shape)
+        return cls(course, told, path)
 
     @property
     def _width(self) -> int:
@@ -233,9 +242,16 @@ class Whitened:
 
     @functools.cached_property
     def _known(self) -> Array:
-        """Covariance of the legs from the errors of the readings."""
+        """Covariance of the legs from the errors of the readings: noise, and the error of the position sensor."""
         spread = self._carried * self._sigma
-        return spread @ spread.T
+        if not self.legs.told.errors:
+            return spread @ spread.T
+        shared = self._carried @ self._shared
+        return spread @ spread.T + shared @ shared.T
+
+    @functools.cached_property
+    def _shared(self) -> Array:
+        return self.legs.told.spread(self.legs.course.durations)
 
     def _covariance(self, drift: float) -> Array:
         return self._known + np.diag((drift * self._sigma) ** 2)
@@ -272,7 +288,8 @@ class Whitened:
             cost = float(white @ white + 2 * np.log(np.diag(factor)).sum())
             if cost < least:
                 best, least = drift, cost
-        read = self._sigma**2 * (self._carried.T @ np.linalg.solve(self._covariance(best), wrong))
+        pulled = self._carried.T @ np.linalg.solve(self._covariance(best), wrong)
+        read = self._sigma**2 * pulled + self._shared @ (self._shared.T @ pulled)
         path = self.legs.path.copy()
         path[1:] = self.legs.course.readings - read.reshape(len(self.slopes), -1)
         return replace(self.legs, path=path, drift=float(best))

@@ -1,0 +1,90 @@
+"""The systematic error of the position sensor of a world, which the prompt admits: a bias and a drift per coordinate.
+
+One sensor reads all bodies, so they share the error: a *bias* at time 0, which changes uniformly with the laboratory's
+clock by the *drift*, as if read by a camera whose mount is displaced and creeps.
+
+Positions have the error, and velocities have none:
+
+- It can be inferred without the law. The first reading at the known start gives the bias; the displacement between two
+  readings minus the integral of the read velocity gives the drift.
+- It matters. Positions are the more precise readings, and without them the forces that depend on the place are
+  unknown; the certificate *matters* tests that an answer is wrong if a fit neglects the bias or the drift. An error of
+  velocities did not pass this test: positions determine the velocities anyway, so a fit that neglects a bias of 1 m/s
+  and a drift of 0.1 m/s² gave right answers in most worlds of level 2.
+- One reading at rest does not remove it, because of the drift: no position after the start is known.
+
+A fit treats the errors as nuisance constants with a normal prior, whose standard deviation is the admitted bound.
+Readings are linear in them, so they are eliminated in closed form: misfits are whitened with their covariance.
+"""
+
+import random
+from collections.abc import Mapping
+
+import numpy as np
+
+from scenes.fitting import Array
+
+LEAST = 0.5
+"""Smallest drawn error, as a share of the admitted bound."""
+_NAMES = {1: ("sensor_bias", "sensor_drift"), 2: ("sensor_bias_x", "sensor_bias_y", "sensor_drift_x", "sensor_drift_y")}
+"""Number of coordinates of a body → names of the errors: biases [m, rad], then drifts [m/s, rad/s]."""
+
+
+def error_names(width: int) -> tuple[str, ...]:
+    """Return the names of the errors of one or two coordinates: biases, then drifts."""
+    return _NAMES[width]
+
+
+def draw_errors(width: int, bias: float, drift: float, rng: random.Random) -> dict[str, float]:
+    """Sample the error of each coordinate, between `LEAST` and 1 times its bound and of either sign."""
+    bounds = [bias] * width + [drift] * width
+    sizes = [rng.choice((-1, 1)) * bound * rng.uniform(LEAST, 1) + 0.0 for bound in bounds]
+    return {name: float(f"{size:.6g}") for name, size in zip(error_names(width), sizes, strict=True)}
+
+
+def stated_errors(constants: Mapping[str, float], quantity: str, width: int) -> dict[str, dict[str, list[float]]]:
+    """Return the errors in the form of the model's text element; of an angle, about the z axis."""
+    values = [constants[name] for name in error_names(width)]
+    parts = {"bias": values[:width], "drift": values[width:]}
+    axes = slice(2, 3) if quantity == "angle" else slice(0, width)
+    found = {part: [0.0, 0.0, 0.0] for part in parts}
+    for part, numbers in parts.items():
+        found[part][axes] = numbers
+    return {quantity: found}
+
+
+def error_columns(times: Array, bodies: int, width: int) -> Array:
+    """Return the derivative of each reading by each error; shape (times, readings, errors)."""
+    found = np.zeros((len(times), bodies, 2, width, 2 * width))
+    for axis in range(width):
+        found[:, :, 0, axis, axis] = 1.0
+        found[:, :, 0, axis, width + axis] = times[:, None]
+    return found.reshape(len(times), 2 * bodies * width, 2 * width)
+
+
+def whitened(misfits: Array, spread: Array) -> Array:
+    """Remove what errors explain from misfits, whose other errors are independent and of variance 1.
+
+    The sum of the squared results is the least sum of squares of misfits and errors.
+
+    Args:
+        misfits: Misfit of each reading [standard deviations]; a column for each trial.
+        spread: Change of each misfit by one standard deviation of each error; shape (readings, errors).
+    """
+    basis, sizes, _ = np.linalg.svd(spread, full_matrices=False)
+    shares = 1 - 1 / np.hypot(1, sizes)
+    return misfits - basis @ (shares[:, None] * (basis.T @ misfits))
+
+
+def kinematic_errors(places: Array, speeds: Array, durations: Array, spread: Array) -> Array:
+    """Estimate the errors from displacements and read velocities alone, by the trapezoidal rule.
+
+    Args:
+        places: Positions at the start, where they are exact, and at each reading; shape (1 + readings, coordinates).
+        speeds: Velocities at the same times.
+        durations: Time between readings [s].
+        spread: Change of each later position by each error; shape (readings, coordinates, errors).
+    """
+    excess = np.diff(places, axis=0) - (speeds[1:] + speeds[:-1]) / 2 * durations[:, None]
+    growth = np.diff(np.concatenate([np.zeros_like(spread[:1]), spread]), axis=0)
+    return np.linalg.lstsq(growth.reshape(-1, growth.shape[2]), excess.ravel(), rcond=None)[0]
