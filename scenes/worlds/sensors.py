@@ -19,6 +19,7 @@ Readings are linear in them, so they are eliminated in closed form: misfits are 
 
 import random
 from collections.abc import Mapping
+from typing import cast
 
 import numpy as np
 
@@ -87,4 +88,4 @@ def kinematic_errors(places: Array, speeds: Array, durations: Array, spread: Arr
     """
     excess = np.diff(places, axis=0) - (speeds[1:] + speeds[:-1]) / 2 * durations[:, None]
     growth = np.diff(np.concatenate([np.zeros_like(spread[:1]), spread]), axis=0)
-    return np.linalg.lstsq(growth.reshape(-1, growth.shape[2]), excess.ravel(), rcond=None)[0]
+    return cast(Array, np.linalg.lstsq(growth.reshape(-1, growth.shape[2]), excess.ravel(), rcond=None)[0])
