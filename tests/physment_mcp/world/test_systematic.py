@@ -22,7 +22,7 @@ STILL = '<body name="object_1" pos="0.125 0 5"><freejoint/><geom size="0.1"/></b
 WHEEL = """
 <body name="object_1" pos="0 0 1"><joint name="axle" type="hinge" axis="0 0 1"/>
   <geom type="cylinder" size="0.1 0.02" mass="2" contype="0" conaffinity="0"/></body>"""
-ADMITTED = {"bias": {"position": 1.0}, "drift": {"position": 0.1}}
+ADMITTED: dict[str, Any] = {"bias": {"position": 1.0}, "drift": {"position": 0.1}}
 
 
 def mjcf(bodies: str, errors: Any) -> str:

@@ -4,6 +4,7 @@ import json
 import random
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -197,7 +198,7 @@ def test_the_reference_solves_a_world_through_the_tools(
 
 
 async def test_nothing_but_readings_of_positions_depends_on_the_error(tmp_path: Path) -> None:
-    structure, found = STRUCTURES[Apparatus.PUCK], list[dict[str, object]]()
+    structure, found = STRUCTURES[Apparatus.PUCK], list[dict[str, Any]]()
     for drift in (0.06, -0.09):
         record = record_of(structure, told_of(structure), sensor_drift_x=drift)
         certificate = Certificate(index=0, record=record.digest, key=(1.0,) * 3, bounds=(0.1,) * 3)
