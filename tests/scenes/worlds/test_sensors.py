@@ -11,6 +11,7 @@ import pytest
 
 import physment_mcp
 from evaluator.answers.engine import all_readings
+from evaluator.certify.lint import lint
 from evaluator.certify.worlds import Made, course_gap, fault_of, make_world
 from evaluator.commands.program import main
 from evaluator.records.episode import Verdict
@@ -249,3 +250,15 @@ def test_worlds_without_the_attributes_have_their_records_as_before() -> None:
     line = as_line(record_of(structure, told_of(structure, 0.0, 0.0)))
     assert not {"bias", "drift"} & json.loads(line).keys()
     assert "sensor" not in line
+
+
+def test_lint_demands_that_nothing_is_put_relative_to_a_wrong_position(tmp_path: Path) -> None:
+    structure = STRUCTURES[Apparatus.PUCK]
+    record = record_of(structure, told_of(structure))
+    certificate = Certificate(index=0, record=record.digest, key=(1.0,) * 3, bounds=(0.1,) * 3)
+    files = expand(record, tmp_path, certificate)
+    assert not [fault for fault in lint(files) if "systematic error" in fault]
+    pack = json.loads(files.json.read_text(encoding="utf-8"))
+    del pack["disabled_tools"]["move_object"]
+    files.json.write_text(json.dumps(pack), encoding="utf-8")
+    assert [fault for fault in lint(files) if fault.startswith("disable move_object: ")]
