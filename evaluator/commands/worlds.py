@@ -238,7 +238,7 @@ def _show(args: argparse.Namespace) -> int:
     console.print(task_of(record), markup=False, highlight=False, soft_wrap=True)
     if record.told.errors:
         bounds = f"a bias of at most {record.bias:g} and a drift of at most {record.drift:g} per second"
-        console.print(f"\nThe sensor of positions has {bounds}.", markup=False, highlight=False, soft_wrap=True)
+        console.print(f"\nThe instrument for positions has {bounds}.", markup=False, highlight=False, soft_wrap=True)
     if args.private:
         console.print(f"\n{record.structure.label}\n{record.constants}", markup=False, soft_wrap=True)
         console.print(str(certificate or "no certificate"), markup=False, soft_wrap=True)

@@ -68,8 +68,8 @@ def _systematic(instruments: Instruments) -> Iterator[str]:
             begins = f"between -{bias:g} and {bias:g} {unit}" if bias else "0"
             rate = f"changes at a constant rate between -{drift:g} and {drift:g} {unit}/s"
             yield (
-                f"The sensor of {plural} also adds an error, which is the same for all objects and which you are not"
-                f" told. Each coordinate of it is {begins} when the clock shows 0, and {rate if drift else 'stays so'}."
+                f"The instrument for {plural} also adds an error, which is the same for all objects and which you are"
+                f" not told. Each coordinate of it is {begins} when the clock shows 0, and {rate if drift else 'stays so'}."
                 " Questions are about true values."
             )
 

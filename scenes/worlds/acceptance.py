@@ -20,6 +20,7 @@ from scenes.worlds.asking import drawn, nearby
 from scenes.worlds.candidates import Fit
 from scenes.worlds.drawing import draw_constants, draw_structure
 from scenes.worlds.experiment import SEARCH_S, Situation, laws_of_fit, on_unit, retraced, simulated
+from scenes.worlds.instrument_errors import draw_errors
 from scenes.worlds.levels import Difficulty
 from scenes.worlds.parts import Apparatus
 from scenes.worlds.predictions import on_course
@@ -27,7 +28,6 @@ from scenes.worlds.questions import Question, tolerance
 from scenes.worlds.refits import Refits, constants_of, units_of
 from scenes.worlds.rivals import mistakable, removable, rival_of
 from scenes.worlds.search import Search
-from scenes.worlds.sensors import draw_errors
 from scenes.worlds.terms import Structure
 from scenes.worlds.weak_form import Legs
 
@@ -134,7 +134,7 @@ class Maker:
         _refuse_useless(world, refits)
         world, refits = _determined(world, refits, self.difficulty)
         if removable(refits, world.questions, np.array(world.key)):
-            raise Refused("the answers are right without the error of the sensor")
+            raise Refused("the answers are right without the error of the instrument")
         _refuse_unsolved(world, self.rng)
         _refuse_mistakable(world, refits, self.rng)
         return world

@@ -17,8 +17,8 @@ from scenes.courses import Laws
 from scenes.fitting import Array
 from scenes.worlds.drawing import searched
 from scenes.worlds.equations import followed, rates_of
+from scenes.worlds.instrument_errors import error_columns, error_names, whitened
 from scenes.worlds.parts import Apparatus
-from scenes.worlds.sensors import error_columns, error_names, whitened
 from scenes.worlds.terms import Structure
 
 LOOK_S, LOOKS = 0.45, 2
@@ -55,7 +55,7 @@ class Situation:
     noise: float
     """Standard deviation of positions [m, rad]; the number for velocities is twice as large [m/s, rad/s]."""
     bias: float = 0.0
-    """Largest error of the position sensor at time 0 [m, rad]; see `scenes.worlds.sensors`."""
+    """Largest error of the position instrument at time 0 [m, rad]; see `scenes.worlds.instrument_errors`."""
     drift: float = 0.0
     """Largest change of the error per second [m/s, rad/s]."""
 
@@ -71,7 +71,7 @@ class Situation:
 
     @property
     def errors(self) -> tuple[str, ...]:
-        """Names of the constants that are errors of the position sensor; none if the prompt admits no error."""
+        """Names of the constants that are errors of the position instrument; none if the prompt admits no error."""
         return error_names(self.width) if self.bias or self.drift else ()
 
     def errors_at(self, constants: Mapping[str, float], times: Array) -> Array:
@@ -87,7 +87,7 @@ class Situation:
         return (columns * np.repeat([self.bias, self.drift], self.width)).reshape(-1, columns.shape[2])
 
     def whitened(self, misfits: Array, durations: Array) -> Array:
-        """Eliminate the errors of the position sensor from misfits of readings.
+        """Eliminate the errors of the position instrument from misfits of readings.
 
         Args:
             misfits: Misfits in standard deviations, a column for each trial; further rows are kept.
@@ -188,7 +188,7 @@ def simulated(
 
     Args:
         structure: The terms of the law.
-        constants: Their constants, and the errors of the position sensor if it has any.
+        constants: Their constants, and the errors of the position instrument if it has any.
         told: Limits and instruments.
         noise_seed: Seed of the instrument noise; readings are then rounded, too. None for exact readings.
         longest_s: Longest step of the integration [s].

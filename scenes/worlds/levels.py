@@ -41,9 +41,9 @@ class Difficulty:
     The noise is increased until the error reaches it.
     """
     bias: float = 0.0
-    """Largest bias of the position sensor [m, rad]; 0 for none. See `scenes.worlds.sensors`."""
+    """Largest bias of the position instrument [m, rad]; 0 for none. See `scenes.worlds.instrument_errors`."""
     drift: float = 0.0
-    """Largest drift of the position sensor [m/s, rad/s]; 0 for none."""
+    """Largest drift of the position instrument [m/s, rad/s]; 0 for none."""
 
     def changed(self, **attributes: Any) -> "Difficulty":
         """Return a copy of the difficulty with some attributes changed.

@@ -10,12 +10,12 @@ from xml.sax.saxutils import quoteattr
 from scenes.law_statements import statement_of
 from scenes.pack import CANARY, Pack
 from scenes.worlds.experiment import LOOK_S, LOOKS, RESOLUTION
+from scenes.worlds.instrument_errors import error_names, stated_errors
 from scenes.worlds.law_texts import laws_of, walls_of
 from scenes.worlds.padding import NO_PADDING, Padding, padding_of
 from scenes.worlds.parts import Apparatus
 from scenes.worlds.questions import ABS_TOL, REL_TOL
 from scenes.worlds.records import Certificate, WorldRecord
-from scenes.worlds.sensors import error_names, stated_errors
 from scenes.worlds.tasks import LETTERS, asked_of, task_of
 from scenes.worlds.terms import START_M, Structure
 
@@ -23,7 +23,7 @@ TIMESTEP_S = 0.005
 """Time step of the engine [s]."""
 SALT = "noise_salt"
 """Name of the model's custom text that determines the noise of its instruments."""
-SENSOR = "systematic_errors"
+ERRORS = "systematic_errors"
 """Name of the model's custom text with the systematic errors of its instruments."""
 _INERT = 'contype="0" conaffinity="0"'
 _AXES = {"x": "1 0 0", "y": "0 1 0", "z": "0 0 1"}
@@ -145,19 +145,19 @@ def _model(
         f'<mujoco><compiler angle="radian"/><option timestep="{TIMESTEP_S}" integrator="RK4" gravity="0 0 0"/>'
         f'<custom><text name="{SALT}" data={quoteattr(salt)}/>'
         f'<text name="laws" data={quoteattr(json.dumps(laws, separators=(",", ":")))}/>'
-        f"{_sensor(apparatus, constants)}</custom>"
+        f"{_systematic(apparatus, constants)}</custom>"
         f'<worldbody><light pos="0 0 8" dir="0 0 -1"/>{"".join(parts)}</worldbody>'
         f"{'' if start is None else _key(structure, padding, start)}</mujoco>\n"
     )
 
 
-def _sensor(apparatus: Apparatus, constants: Mapping[str, float]) -> str:
-    """Return the XML element with the errors of the position sensor; none if it has none."""
+def _systematic(apparatus: Apparatus, constants: Mapping[str, float]) -> str:
+    """Return the XML element with the errors of the position instrument; none if it has none."""
     width = 2 if apparatus.flat else 1
     if not constants.keys() & set(error_names(width)):
         return ""
     errors = stated_errors(constants, "angle" if apparatus is Apparatus.WHEEL else "position", width)
-    return f'<text name="{SENSOR}" data={quoteattr(json.dumps(errors))}/>'
+    return f'<text name="{ERRORS}" data={quoteattr(json.dumps(errors))}/>'
 
 
 def _with_constants(law: Mapping[str, Any], constants: Mapping[str, float]) -> dict[str, Any]:

@@ -64,9 +64,9 @@ class WorldRecord(_Line):
     looks: int = Field(ge=2, le=1000)
     noise: float = Field(ge=0)
     bias: float = Field(default=0.0, ge=0)
-    """Largest admitted bias of the position sensor [m, rad]. `constants` contains the bias itself."""
+    """Largest admitted bias of the position instrument [m, rad]. `constants` contains the bias itself."""
     drift: float = Field(default=0.0, ge=0)
-    """Largest admitted drift of the position sensor [m/s, rad/s]."""
+    """Largest admitted drift of the position instrument [m/s, rad/s]."""
     questions: tuple[Question, ...]
 
     @model_validator(mode="after")
@@ -81,7 +81,7 @@ class WorldRecord(_Line):
             raise ValueError(msg)
         bounds = np.repeat([self.bias, self.drift], self.told.width)[: len(self.told.errors)]
         if any(abs(self.constants[name]) > bound for name, bound in zip(self.told.errors, bounds, strict=True)):
-            msg = "an error of the position sensor is larger than the prompt admits"
+            msg = "an error of the position instrument is larger than the prompt admits"
             raise ValueError(msg)
         size = self.structure.controls
         if any({len(one.place), len(one.speed), len(one.push)} != {size} for one in self.questions):

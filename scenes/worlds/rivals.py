@@ -66,7 +66,7 @@ def _right(fit: Fit, asked: Sequence[Question], key: Array) -> bool:
 
 
 def removable(refits: Refits, asked: Sequence[Question], key: Array) -> bool:
-    """Return whether the answers do not depend on the bias, or on the drift, of the position sensor.
+    """Return whether the answers do not depend on the bias, or on the drift, of the position instrument.
 
     That is, a fit of the true structure that neglects one of them gives right answers.
 

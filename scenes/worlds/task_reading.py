@@ -46,12 +46,12 @@ def situation_of(prompt: str) -> Situation:
     looks = int(seconds / LOOK_S + 1e-6)
     while looks * (1 + 2 * bodies) + -(-looks // LOOKS) * bodies > calls:
         looks -= 1
-    return Situation(apparatus, radius, force, looks, noise, *_sensor(prompt))
+    return Situation(apparatus, radius, force, looks, noise, *_systematic(prompt))
 
 
-def _sensor(prompt: str) -> tuple[float, float]:
-    """Parse the largest bias and drift of the position sensor; zeros if the prompt admits none."""
-    line = re.search(r"The sensor of (?:positions|angles) also adds an error[^\n]*", prompt)
+def _systematic(prompt: str) -> tuple[float, float]:
+    """Parse the largest bias and drift of the position instrument; zeros if the prompt admits none."""
+    line = re.search(r"The instrument for (?:positions|angles) also adds an error[^\n]*", prompt)
     bias, drift = (
         re.search(rf"between -\S+ and (\S+) {unit}", line[0]) if line else None
         for unit in (r"(?:m|rad) when", r"(?:m|rad)/s\b")

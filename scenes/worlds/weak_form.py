@@ -24,9 +24,9 @@ from scenes.worlds.drawing import searched
 from scenes.worlds.equations import rates_of
 from scenes.worlds.experiment import SEARCH_S, Situation
 from scenes.worlds.hidden_paths import SampledPath, hidden_states
+from scenes.worlds.instrument_errors import kinematic_errors
 from scenes.worlds.law_texts import ODO_RATE
 from scenes.worlds.parts import Range
-from scenes.worlds.sensors import kinematic_errors
 from scenes.worlds.terms import Structure, Term
 
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(4)
@@ -88,7 +88,7 @@ class Legs:
 
     @classmethod
     def of(cls, course: Course, told: Situation) -> "Legs":
-        """Create legs that are linearised around the readings, less the error that a sensor seems to have."""
+        """Create legs that are linearised around the readings, less the error that a instrument seems to have."""
         bare = Structure(told.apparatus, (), told.radius)
         path = np.vstack([np.array(bare.start)[: bare.read], course.readings])
         if told.errors:
@@ -242,7 +242,7 @@ class Whitened:
 
     @functools.cached_property
     def _known(self) -> Array:
-        """Covariance of the legs from the errors of the readings: noise, and the error of the position sensor."""
+        """Covariance of the legs from the errors of the readings: noise, and the error of the position instrument."""
         spread = self._carried * self._sigma
         if not self.legs.told.errors:
             return spread @ spread.T

@@ -1,4 +1,4 @@
-"""Tests of worlds whose position sensor has a bias and a drift: fits eliminate them, and only readings contain them."""
+"""Tests of worlds whose position instrument has a bias and a drift: fits eliminate them, only readings contain them."""
 
 import json
 import random
@@ -25,6 +25,7 @@ from scenes.worlds.acceptance import bounds_of
 from scenes.worlds.drawing import draw_constants
 from scenes.worlds.expansion import expand
 from scenes.worlds.experiment import Situation, simulated
+from scenes.worlds.instrument_errors import draw_errors, error_columns, kinematic_errors, whitened
 from scenes.worlds.levels import GRAMMAR, difficulty_of
 from scenes.worlds.orders import PUBLIC
 from scenes.worlds.parts import Apparatus
@@ -32,7 +33,6 @@ from scenes.worlds.questions import Question
 from scenes.worlds.records import Certificate, WorldRecord, as_line, keys_file, lines_file, read_records
 from scenes.worlds.refits import Refits, units_of
 from scenes.worlds.rivals import removable
-from scenes.worlds.sensors import draw_errors, error_columns, kinematic_errors, whitened
 from scenes.worlds.task_reading import situation_of
 from scenes.worlds.terms import Structure, Term
 from scenes.worlds.weak_form import Legs
@@ -201,7 +201,7 @@ def test_the_reference_solves_a_world_through_the_tools(
 async def test_nothing_but_readings_of_positions_depends_on_the_error(tmp_path: Path) -> None:
     structure, found = STRUCTURES[Apparatus.PUCK], list[dict[str, Any]]()
     for drift in (0.06, -0.09):
-        record = record_of(structure, told_of(structure), sensor_drift_x=drift)
+        record = record_of(structure, told_of(structure), instrument_drift_x=drift)
         certificate = Certificate(index=0, record=record.digest, key=(1.0,) * 3, bounds=(0.1,) * 3)
         expand(record, tmp_path / f"{drift}", certificate)
         session = Session(load_scene(record.scene_id, 0, tmp_path / f"{drift}"))
@@ -211,7 +211,7 @@ async def test_nothing_but_readings_of_positions_depends_on_the_error(tmp_path: 
         assert view["poses"]["object_1"][:3] == episode.call("get_position", object_id="object_1")["position"]
         secrets = [f"{record.constants[name]:.4g}" for name in record.told.errors]
         seen = json.dumps([found[-1], view], default=str)
-        assert [secret for secret in (*secrets, "systematic", "sensor_") if secret in seen] == []
+        assert [secret for secret in (*secrets, "systematic", "instrument_") if secret in seen] == []
     assert found[0] == found[1]  # a drift makes no difference at the start
 
 
@@ -231,7 +231,7 @@ def test_an_attribute_out_of_range_is_refused_in_a_sentence(
 
 @pytest.mark.parametrize(
     ("change", "sentence"),
-    [({"bias": 0.2}, "an error of the position sensor is larger than the prompt admits"),
+    [({"bias": 0.2}, "an error of the position instrument is larger than the prompt admits"),
      ({"bias": 0, "drift": 0}, "the constants are not those of the terms"),
      ({"drift": -1}, "drift: Input should be greater than or equal to 0")],
 )  # fmt: skip
@@ -249,7 +249,7 @@ def test_worlds_without_the_attributes_have_their_records_as_before() -> None:
     structure = STRUCTURES[Apparatus.PUCK]
     line = as_line(record_of(structure, told_of(structure, 0.0, 0.0)))
     assert not {"bias", "drift"} & json.loads(line).keys()
-    assert "sensor" not in line
+    assert "instrument" not in line
 
 
 def test_lint_demands_that_nothing_is_put_relative_to_a_wrong_position(tmp_path: Path) -> None:

@@ -1,14 +1,15 @@
-"""The systematic error of the position sensor of a world, which the prompt admits: a bias and a drift per coordinate.
+"""The systematic error of the position instrument of a world: a bias and a drift per coordinate.
 
-One sensor reads all bodies, so they share the error: a *bias* at time 0, which changes uniformly with the laboratory's
-clock by the *drift*, as if read by a camera whose mount is displaced and creeps.
+The prompt admits it and states bounds. One instrument reads all bodies, so they share the error: a *bias* at time 0,
+which changes uniformly with the laboratory's clock by the *drift*, as if read by a camera whose mount is displaced and
+creeps.
 
 Positions have the error, and velocities have none:
 
 - It can be inferred without the law. The first reading at the known start gives the bias; the displacement between two
   readings minus the integral of the read velocity gives the drift.
 - It matters. Positions are the more precise readings, and without them the forces that depend on the place are
-  unknown; the certificate *matters* tests that an answer is wrong if a fit neglects the bias or the drift. An error of
+  unknown; the certificate *instrument* tests that an answer is wrong if a fit neglects the bias or the drift. An error of
   velocities did not pass this test: positions determine the velocities anyway, so a fit that neglects a bias of 1 m/s
   and a drift of 0.1 m/s² gave right answers in most worlds of level 2.
 - One reading at rest does not remove it, because of the drift: no position after the start is known.
@@ -27,7 +28,9 @@ from scenes.fitting import Array
 
 LEAST = 0.5
 """Smallest drawn error, as a share of the admitted bound."""
-_NAMES = {1: ("sensor_bias", "sensor_drift"), 2: ("sensor_bias_x", "sensor_bias_y", "sensor_drift_x", "sensor_drift_y")}
+_ONE = ("instrument_bias", "instrument_drift")
+_TWO = ("instrument_bias_x", "instrument_bias_y", "instrument_drift_x", "instrument_drift_y")
+_NAMES = {1: _ONE, 2: _TWO}
 """Number of coordinates of a body → names of the errors: biases [m, rad], then drifts [m/s, rad/s]."""
 
 
