@@ -69,8 +69,8 @@ def _systematic(instruments: Instruments) -> Iterator[str]:
             rate = f"changes at a constant rate between -{drift:g} and {drift:g} {unit}/s"
             yield (
                 f"The instrument for {plural} also adds an error, which is the same for all objects and which you are"
-                f" not told. Each coordinate of it is {begins} when the clock shows 0, and {rate if drift else 'stays so'}."
-                " Questions are about true values."
+                f" not told. Each coordinate of it is {begins} when the clock shows 0, and"
+                f" {rate if drift else 'stays so'}. Questions are about true values."
             )
 
 

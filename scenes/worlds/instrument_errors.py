@@ -9,9 +9,9 @@ Positions have the error, and velocities have none:
 - It can be inferred without the law. The first reading at the known start gives the bias; the displacement between two
   readings minus the integral of the read velocity gives the drift.
 - It matters. Positions are the more precise readings, and without them the forces that depend on the place are
-  unknown; the certificate *instrument* tests that an answer is wrong if a fit neglects the bias or the drift. An error of
-  velocities did not pass this test: positions determine the velocities anyway, so a fit that neglects a bias of 1 m/s
-  and a drift of 0.1 m/s² gave right answers in most worlds of level 2.
+  unknown. The certificate *instrument* tests that an answer is wrong if a fit neglects the bias or the drift. An error
+  of velocities did not pass this test: positions determine the velocities anyway, so a fit that neglects a bias of
+  1 m/s and a drift of 0.1 m/s² gave right answers in 8 of 10 worlds of level 2.
 - One reading at rest does not remove it, because of the drift: no position after the start is known.
 
 A fit treats the errors as nuisance constants with a normal prior, whose standard deviation is the admitted bound.
