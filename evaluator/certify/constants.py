@@ -171,7 +171,7 @@ class Constants:
         normal = np.random.default_rng(0).standard_normal((_SAMPLES, len(self.names)))
         right = 0
         for row in normal @ root.T:
-            found = self.answer(self.within(row))
+            found = self.answer(self._within(row))
             right += all(
                 str(got) == str(want)
                 for part, (got, want) in enumerate(zip(found, self.key, strict=True))
@@ -179,13 +179,20 @@ class Constants:
             )
         return right / _SAMPLES
 
-    def within(self, shifts: Sequence[float] | Array) -> dict[str, float]:
+    def _within(self, shifts: Sequence[float]) -> dict[str, float]:
         """Clip shifts so that every constant stays in its range."""
         kept: dict[str, float] = {}
         for name, shift in zip(self.names, shifts, strict=True):
             at = unit(self.subject.pack.knobs[name], float(cast("float", self.knobs[name])))
             kept[name] = float(np.clip(at + shift, 0.0, 1.0)) - at
         return kept
+
+    def shortened(self, step: Array) -> dict[str, float]:
+        """Shorten a step, without turning it, so that every constant stays in its range."""
+        ends = self._within(list(step))
+        shares = [ends[name] / by for name, by in zip(self.names, step, strict=True) if by]
+        share = float(np.clip(min([*shares, 1.0]), 0.0, 1.0))
+        return {name: share * float(by) for name, by in zip(self.names, step, strict=True)}
 
     def others(self) -> Iterator[tuple[str, dict[str, KnobValue]]]:
         """Yield each change of one discrete value, with its name. A permutation changes by swapping two values."""

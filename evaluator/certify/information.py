@@ -152,7 +152,7 @@ def _bent(constants: Constants, episode: Episode, told: Information) -> Flags:
     scaled = np.where(told.ignored[:, None], 0.0, told.jacobian) / sigma[:, None]
     bent = np.zeros_like(told.ignored)
     for step in constants.steps(fisher):
-        for shift in (constants.within(step), constants.within(-step)):
+        for shift in (constants.shortened(step), constants.shortened(-step)):
             predicted = told.jacobian @ np.array(list(shift.values()))
             apart = (_changes(constants, episode, told.reads, shift) - predicted) / sigma
             apart = np.where(told.ignored, 0.0, np.clip(np.nan_to_num(apart, nan=_FAR), -_FAR, _FAR))

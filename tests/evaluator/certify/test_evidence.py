@@ -9,6 +9,7 @@ import anyio
 import numpy as np
 import pytest
 
+from evaluator.certify.constants import Constants
 from evaluator.certify.evidence import measured
 from evaluator.certify.subject import Subject
 from evaluator.certify.verify import MemoryConnector, play_reference
@@ -259,3 +260,16 @@ def test_an_episode_that_only_such_a_reading_would_decide_is_not_measured(
     subject, episode = ridge([20.0])
     found = measured(subject, SEED, episode, "")
     assert "not linear in the hidden values" in found.not_measurable
+
+
+def test_a_step_at_the_edge_of_a_range_is_shortened_and_not_turned(
+    played: Callable[..., tuple[Subject, Episode]],
+) -> None:
+    knobs: dict[str, object] = {
+        "m": {"canonical": 2.0, "uniform": [LOW, HIGH]},
+        "k": {"canonical": 2.0, "uniform": [LOW, HIGH]},
+    }
+    subject, _ = played(LOOK, knobs)
+    found = Constants(subject, {"m": 2.0, "k": HIGH - 0.2}, ("m", "k"))
+    assert found.shortened(np.array([0.3, 0.2])) == pytest.approx({"m": 0.15, "k": 0.1})
+    assert found.shortened(np.array([-0.3, -0.2])) == pytest.approx({"m": -0.3, "k": -0.2})
