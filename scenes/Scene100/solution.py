@@ -13,7 +13,9 @@ KNOBS = [f"object_{number}" for number in range(1, 6)]
 STRONG, PUSH_S, REST_S = 50.0, 100.0, 100.0
 FORCE, LATCH = 8.0, 0.25
 RESOLUTION = 2e-4
-FIRST_FORCE, ROOM, BACK, LESS = 0.5, 0.17, 1.3, 0.7
+FIRST_FORCE, ROOM, BACK, LESS = 1.0, 0.17, 1.3, 0.7
+FARTHEST, OPEN = 0.21, 16.0
+"""Way to which a planned push may go, in m; what a kind may fit worse than the best one without being excluded."""
 RANGES = {
     "slow": [(10, 600), (20, 150)],
     "flow": [(1500, 15000), (0.4, 5), (10, 600)],
@@ -22,7 +24,8 @@ RANGES = {
     "dry": [(10, 600), (0.7, 8), (0.8, 5)],
 }
 """Constants of each kind, as the task bounds them; see `_way`."""
-SPANS_S = (2.0, 2.0, 2.0, 2.0, 4.0, 8.0, 16.0)
+SPANS_S = (2.0, 2.0, 2.0, 4.0, 8.0, 16.0)
+PULSE_S, BACK_S, ON_S, WEAK = 3.0, (10.0, 27.0), 30.0, 0.4
 
 
 def _unit(k, time, dry, pushes):
@@ -160,42 +163,116 @@ def fit(readings, structure):
     )
 
 
+def _likeliest(fits):
+    """The order of kinds that fits best."""
+    return min(permutations(KINDS), key=lambda kinds: sum(fits[place][0] for place in enumerate(kinds)))
+
+
 def _guess(exchanges):
     """The prediction, with the order of kinds that fits best."""
     fits = _all_fitted(exchanges)
-    best = min(permutations(KINDS), key=lambda kinds: sum(fits[place][0] for place in enumerate(kinds)))
+    best = _likeliest(fits)
     return _predict([(kind, np.exp(fits[number, kind][1])) for number, kind in enumerate(best)])
 
 
-def _push(forces):
-    return [call("apply_force", object_id=k, force_vector=[f, 0, 0]) for k, f in zip(KNOBS, forces, strict=True)]
+def _push(forces, knobs=KNOBS):
+    return [call("apply_force", object_id=k, force_vector=[f, 0, 0]) for k, f in zip(knobs, forces, strict=True)]
 
 
-def _look(spans):
-    """Positions of all knobs after each span."""
-    reads = [call("get_position", object_id=knob) for knob in KNOBS]
+def _look(spans, knobs=KNOBS):
+    """Positions of the knobs after each span."""
+    reads = [call("get_position", object_id=knob) for knob in knobs]
     return [made for span in spans for made in (call("step", duration=span), *reads)]
 
 
+def _plausible(exchanges):
+    """Of each knob the kinds that its readings allow, with the constants that fit best."""
+    pushes, read = _logs(exchanges)
+    return [_allowed(pushes[knob], read[knob]) for knob in KNOBS]
+
+
+def _allowed(pushes, read):
+    """The same for one knob."""
+    fits = [(kind, *_fitted(kind, pushes, read)[:2]) for kind in KINDS]
+    least = min(cost for _, cost, _ in fits)
+    most = least + OPEN * max(1.0, least / len(read[0]))
+    return [(kind, np.exp(logs)) for kind, cost, logs in fits if cost < most]
+
+
+def _strongest(exchanges, sense, span):
+    """The greatest force on each knob in a sense with which no kind that its readings allow comes near the latch."""
+    pushes, _ = _logs(exchanges)
+    return np.array(
+        [
+            sense * _greatest(pushes[knob], kinds, sense, span)
+            for knob, kinds in zip(KNOBS, _plausible(exchanges), strict=True)
+        ]
+    )
+
+
+def _greatest(pushes, kinds, sense, span):
+    """The same for one knob."""
+
+    def farthest(force):
+        return max(sense * float(_way(kind, p, [*pushes, (sense * force, span)])[-1]) for kind, p in kinds)
+
+    return next((force for force in np.linspace(FORCE, 0.0, 33) if farthest(force) < FARTHEST), 0.0)
+
+
+def _yielding(exchanges):
+    """Which knobs have dashpots that yield, by the order of kinds that fits best.
+
+    On the others a pulse tells nothing new, and a quick knob would coast by its inertia, which the fit leaves out.
+    """
+    return np.array([kind in {"flow", "all"} for kind in _likeliest(_all_fitted(exchanges))])
+
+
+def _onward(forces, before, ways, earlier, spans):
+    """The next forces of the rising ones; `spans` are the last duration and the next."""
+    # In proportion to the room that is left in front of the latch, at most twice as much, and no more than the last
+    # rise allows: a knob that has broken away goes faster than in proportion.
+    onward = forces * np.minimum(ROOM / np.maximum(ways, ROOM / 2), 2.0)
+    rise = np.maximum(ways - earlier, 1e-6) / np.maximum(forces - before, 1e-6)
+    rise[earlier < 2 * RESOLUTION] *= 3.0
+    onward = np.where(forces > before, np.minimum(onward, forces + np.maximum(ROOM - ways, 0.0) / rise), onward)
+    # A knob that still goes at an equal force goes on for the next span.
+    creep = np.where(forces == before, np.maximum(ways - earlier, 0.0), 0.0) * spans[1] / spans[0]
+    return np.minimum(np.minimum(onward, forces * FARTHEST / np.maximum(ways + creep, 1e-6)), FORCE)
+
+
 def solve(task):
-    """Raise the forces knob by knob, hold, let go, pull with less."""
+    """Raise the forces knob by knob, hold, let go, pull with less; before and after, pulses as strong as can be."""
     log = []
     forces, before, ways = np.full(5, FIRST_FORCE), np.zeros(5), np.zeros(5)
     for number, span in enumerate(SPANS_S):
         calls = [*([call("find_objects")] if number == 0 else []), *_push(forces), *_look([span])]
         log += zip(calls, (yield calls), strict=True)
         earlier, ways = ways, np.array([abs(reading["position"][0]) for _, reading in log[-5:]])
-        # In proportion to the room that is left in front of the latch, at most twice as much, and no more than the last
-        # rise allows: a knob that has broken away goes faster than in proportion.
-        onward = forces * np.minimum(ROOM / np.maximum(ways, ROOM / 2), 2.0)
-        rise = np.maximum(ways - earlier, 1e-6) / np.maximum(forces - before, 1e-6)
-        rise[earlier < 2 * RESOLUTION] *= 3.0
-        onward = np.where(forces > before, np.minimum(onward, forces + np.maximum(ROOM - ways, 0.0) / rise), onward)
-        before, forces = forces, np.minimum(onward, FORCE)
+        held = forces
+        if number + 1 < len(SPANS_S):
+            forces, before = _onward(forces, before, ways, earlier, SPANS_S[number : number + 2]), forces
+    calls = [*_push(np.zeros(5)), *_look([5.0, 15.0])]
+    log += zip(calls, (yield calls), strict=True)
+    pulse = np.where(_yielding(log), _strongest(log, -1, PULSE_S), 0.0)
+    calls = [*_push(pulse), *_look([PULSE_S])]
+    log += zip(calls, (yield calls), strict=True)
     # Back with another force than before, so that a flow shows from which force it begins.
-    back = -np.where(BACK * forces < FORCE, BACK, LESS) * forces
-    calls = [*_push(np.zeros(5)), *_look([2.0, 5.0, 15.0]), *_push(back), *_look([3.0, 10.0, 27.0])]
-    calls += [*_push(np.zeros(5)), *_look([5.0, 15.0])]
+    most = -_strongest(log, -1, sum(BACK_S))
+    back = np.where(_yielding(log), most, np.where(BACK * held < most, BACK, LESS) * held)
+    calls = [*_push(-back), *_look(BACK_S)]
+    log += zip(calls, (yield calls), strict=True)
+    fits = _all_fitted(log)
+    # Of each knob whose dashpot yields, the force from which it does.
+    onsets = {n: np.exp(fits[n, kind][1])[1] for n, kind in enumerate(_likeliest(fits)) if kind in {"flow", "all"}}
+    pulse = np.where([n in onsets for n in range(5)], _strongest(log, 1, PULSE_S), 0.0)
+    calls = [*_push(pulse), *_look([PULSE_S])]
+    log += zip(calls, (yield calls), strict=True)
+    # A weak flow for long, because strong ones alone do not tell the onset from the resistance.
+    most = _strongest(log, 1, ON_S)
+    on = [least + WEAK * max(most[n] - least, 0.0) for n, least in onsets.items()]
+    on = np.minimum(on, [most[n] for n in onsets])
+    knobs = [KNOBS[n] for n in onsets]
+    calls = [*_push(on, knobs), call("step", duration=ON_S), *_push([0.0, 0.0], knobs), *_look([5.0, 12.0])]
     log += zip(calls, (yield calls), strict=True)
     yield [answer(_guess(log))]
 

@@ -110,7 +110,8 @@ def solve(task):
         calls = _hold(push)
         seen += zip(calls, (yield calls), strict=True)
         far = STOP - seen[-1][1]["position"][0]
-    push *= PAD / far
+    # A reading that falls short would send the magnet beyond the pad so far that it gets too fast.
+    push *= PAD / (far + 2 * PLACE_ERROR)
     while len(_points(seen)[0]) < 3 or np.min(_points(seen)[0]) > AWAY:
         calls = []
         for _ in range(3):

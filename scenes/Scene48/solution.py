@@ -65,13 +65,6 @@ def _fitted(rows, kind):
     return min(map(at, EDGES if kind == "late foot" else (1.0,)), key=lambda found: found[0])
 
 
-def _best(rows):
-    """The force by the springs that fit best, each number paid for."""
-    found = {kind: _fitted(rows, kind) for kind in KINDS}
-    kind = min(KINDS, key=lambda kind: found[kind][0] + 5 * KINDS[kind])
-    return _held(kind, *found[kind][1:])
-
-
 def fit(readings, structure):
     """The force by springs of one kind."""
     return _held(structure, *_fitted(STEPS.rows(readings), structure)[1:])
@@ -99,6 +92,12 @@ def _weighed(rows, kind):
     fits = [least_squares(misfits, start, bounds=(low, high), x_scale=high - low) for start in starts]
     best = min(fits, key=lambda found: found.cost).x
     return member(misfits, lambda constants: _held(kind, *springs(constants)), best, ranges)
+
+
+def _best(rows):
+    """The force by the springs that fit best within what the task tells of them, each number paid for."""
+    found = {kind: _weighed(rows, kind) for kind in KINDS}
+    return found[min(KINDS, key=lambda kind: found[kind].chi_square + 5 * KINDS[kind])].answer
 
 
 def rivals(readings):

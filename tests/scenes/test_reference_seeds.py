@@ -13,11 +13,24 @@ from tests.harness.fresh_seeds import verdict
         pytest.param(
             28, 1831608469, id="a second cord was presumed where there is none, and the latch held the glider"
         ),
+        pytest.param(33, 343401748, id="a reading that fell short made the push off the pad too strong"),
         pytest.param(44, 4003639905, id="the float gained speed on a long way, and sank into the trap"),
+        pytest.param(48, 395233773, id="the fit ignored the ranges that the task states"),
         pytest.param(76, 2165984442, id="the second cart moved too slowly to tell the size of its resistance"),
         pytest.param(76, 3306113100, id="the second cart moved too slowly to tell the kind of its resistance"),
         pytest.param(97, 4205994631, id="a force grew fivefold at once, and the line that swung was parted"),
+        pytest.param(100, 3881588331, id="a yielding dashpot carried a knob into its latch"),
+        pytest.param(
+            100,
+            78930479,
+            id="the forces hardly exceeded the one from which a dashpot yields",
+            marks=pytest.mark.extended,
+        ),
         pytest.param(105, 2036144970, id="a pan swung under a new ball, and its stiff thread broke"),
+        pytest.param(107, 2161080772, id="the fit omitted the inertia of pan and load, at 74 N"),
+        pytest.param(
+            107, 3766720252, id="the fit omitted the inertia of pan and load, at 125 N", marks=pytest.mark.extended
+        ),
         pytest.param(201, 850610864, id="a puck on one side of the floor determined a long wave too weakly"),
         pytest.param(212, 1924654402, id="a wrong mass led the puck into the rim"),
         # An episode of scene 219 takes 10 to 20 s of processor time.
