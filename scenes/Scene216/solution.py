@@ -104,10 +104,12 @@ FLOOR = PuckFloor(
     predict=predict,
     targets=((2.6, 0.6), (-0.3, 2.6), (2.3, -1.1), (0.9, 2.5), (2.7, 0.5), (-0.9, 2.4)),
     near_m=0.7,
-    safe_m=2.85,
+    safe_m=2.6,
     haste=4.0,
     leg_s=0.85,
-    slowed=0.75,
+    wanders=0.5,
+    patience=3,
+    rim_m=3.3,
     coasts_s=0.7,
 )
 solve, batch, fit = FLOOR.solve, FLOOR.batch, FLOOR.fit
