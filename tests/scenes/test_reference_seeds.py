@@ -35,13 +35,13 @@ from tests.harness.fresh_seeds import verdict
         pytest.param(212, 1924654402, id="a wrong mass led the puck into the rim"),
         # An episode of scene 216 takes 5 to 10 s of processor time.
         pytest.param(
-            216, 524623619, id="a wrong estimate of the motion led the puck into the rim", marks=pytest.mark.every_scene
+            216, 524623619, id="a wrong estimate of the motion led the puck into the rim", marks=pytest.mark.extended
         ),
         pytest.param(
             216,
             594015080,
             id="the puck was led too slowly to distinguish two structures",
-            marks=pytest.mark.every_scene,
+            marks=pytest.mark.extended,
         ),
         # An episode of scene 219 takes 10 to 20 s of processor time.
         pytest.param(
