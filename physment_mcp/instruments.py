@@ -21,5 +21,5 @@ def readout_of(public: PublicPack) -> Readout:
         if fine != Fineness():
             fineness[quantity] = fine
     bounds = [one for one in (said.bias, said.drift) if one is not None]
-    admitted = {name for name in _SYSTEMATIC if any(getattr(one, name) for one in bounds)}
+    admitted: set[Systematic] = {name for name in _SYSTEMATIC if any(getattr(one, name) for one in bounds)}
     return Readout(fineness, str(public.scene_id), frozenset(admitted))
