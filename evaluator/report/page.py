@@ -33,6 +33,7 @@ from evaluator.scores.dimensions import WEIGHTS
 from evaluator.scores.failures.findings import FailureMode
 from evaluator.scores.spending import Spending, calls_made, spending
 from evaluator.scores.wording import counted, curve_sentence, decimal, score_text, share
+from evaluator.statistics.paired import BudgetCurve
 from evaluator.store.run_folder import RunFolder
 from scenes import reference_of
 
@@ -256,6 +257,19 @@ def _words(value: str) -> str:
     return value.replace("_", " ")
 
 
+def _unbroken(text: str) -> str:
+    """Keep each number and its per cent sign on one line."""
+    return text.replace(" %", "\N{NO-BREAK SPACE}%")
+
+
+def _share(value: float | None) -> str:
+    return _unbroken(share(value))
+
+
+def _curve_sentence(curve: BudgetCurve) -> str:
+    return _unbroken(curve_sentence(curve))
+
+
 def _options(values: Iterable[object]) -> list[tuple[object, str]]:
     return [(value, _words(str(value))) for value in values]
 
@@ -266,8 +280,8 @@ def _scene_options(found: Iterable[Entry]) -> list[tuple[int, str]]:
 
 
 _FILTERS: dict[str, Any] = {
-    "curve_sentence": curve_sentence,
-    "share": share,
+    "curve_sentence": _curve_sentence,
+    "share": _share,
     "decimal": decimal,
     "score": score_text,
     "counted": counted,

@@ -3,7 +3,7 @@
 (() => {
   const EVERY_MS = 2000, HIDDEN_MS = 20000;
   const byId = (id) => document.getElementById(id);
-  const percent = (value) => (value === null ? "–" : `${(100 * value).toFixed(1)} %`);
+  const percent = (value) => (value === null ? "–" : `${(100 * value).toFixed(1)}\u00a0%`);
   const number = (value, digits = 3) => (value === null ? "–" : Number(value.toPrecision(digits)).toString());
   const count = (value) => (value === null ? "–" : value.toLocaleString("en"));
 

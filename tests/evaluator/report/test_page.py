@@ -81,7 +81,7 @@ def test_the_numbers_are_those_of_the_records() -> None:
         row(16, False, "easy-single-creation"),
         row(21, None, "easy-single-hidden"),
     )
-    assert "1 of 2; 95 % interval 9.5 % to 90.5 %" in text
+    assert "1 of 2; 95&nbsp;% interval 9.5\N{NO-BREAK SPACE}% to 90.5\N{NO-BREAK SPACE}%" in text
     assert text.count('data-verdict="correct"') == text.count('data-verdict="incorrect"') == 1
     assert text.count('data-verdict="unscored"') == 1
     assert "Infrastructure error" in text
@@ -190,10 +190,10 @@ def test_the_model_s_own_reasoning_is_folded_and_its_reply_is_not() -> None:
 
 def test_open_worlds_are_shown_apart_from_the_accuracy_of_the_suite() -> None:
     text = page(row(7, True, "easy-single"), row(201, False, "open"), row(202, True, "open"))
-    assert "1 of 1; 95 % interval" in text
+    assert "1 of 1; 95&nbsp;% interval" in text
     ladder = text[text.index('<h2 id="ladder">') : text.index('<h2 id="budgets">')]
     assert '<th scope="col">open: all predictions right</th>' in ladder
-    assert ">50.0 % <small>9 to 91, n 2</small></td>" in ladder
+    assert ">50.0&nbsp;% <small>9 to 91, n 2</small></td>" in ladder
     assert "How episodes in open worlds ended" in ladder
     assert "no other number on this page" in text
     assert "in open worlds" not in page(row(7, True, "easy-single"))
