@@ -11,7 +11,7 @@ import numpy as np
 from physment_mcp.scene import load_scene, load_variants
 from physment_mcp.session import Session
 from physment_mcp.visibility import bodies_of, markers_at_start, visibility_of
-from physment_mcp.world.pictures.annotations import INK, PAPER, SOFT
+from physment_mcp.world.pictures.annotations import INK, PAPER, SOFT, label_of
 from physment_mcp.world.pictures.drawing import check_renderer
 from physment_mcp.world.pictures.overlay import LINE, Overlay, Pixels, png_of
 from physment_mcp.world.pictures.plates import GROUND, HEIGHT, SKY, WIDTH, plate
@@ -57,9 +57,9 @@ def schematic(pack: PublicPack) -> Pixels:
         overlay.box(low, high, 4, PAPER, 0.6)
         overlay.dashes(low, high, 2.5, INK)
         lines = _card(overlay, item.permissions, width - 2 * LINE)
-        start = max(top + 12, top + (height - (len(lines) + 2) * _STEP) / 2)
-        heads = [(item.object_id, INK), (item.name, SOFT)]
-        for row, (text, colour) in enumerate([*heads, *((line, INK) for line in lines)]):
+        heads = [(text, INK) for text in _wrapped(overlay, label_of(item.object_id, item.name), width - 2 * LINE)]
+        start = max(top + 12, top + (height - (len(heads) + len(lines)) * _STEP) / 2)
+        for row, (text, colour) in enumerate([*heads, *((line, SOFT) for line in lines)]):
             if start + (row + 1) * _STEP <= top + height:
                 overlay.text(text, left + LINE, start + row * _STEP, colour)
     return overlay.over(_backdrop())
@@ -131,8 +131,8 @@ def draw_picture(files: PackFiles, seed: int = 0) -> Pixels:
     session, bodies, markers = at_start(files, seed)
     if not any(body.pose for body in (*bodies, *markers)):
         return schematic(session.scene.public)
-    names = [item.object_id for item in session.known()]
-    return plate(picture_model([*bodies, *markers]), names, [_MARKED] if markers else [])
+    labels = {item.object_id: label_of(item.object_id, item.name) for item in session.known()}
+    return plate(picture_model([*bodies, *markers]), labels, [_MARKED] if markers else [])
 
 
 def draw_scene(files: PackFiles) -> DrawnScene:

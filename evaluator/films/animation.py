@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from evaluator.certify.moving_pictures import Moment, Shown, ShownBody, ShownPart, ShownReading, SketchedPart
+from evaluator.certify.moving_pictures import Moment, Shown, ShownBody, ShownPart, ShownReading, SketchedPart, label_of
 from evaluator.films.motion import Motion, decoded
 from evaluator.records.episode import Episode
 from evaluator.report.call_rows import CallRow, calls_of
@@ -73,9 +73,7 @@ def _shown(drawing: Drawing) -> Shown:
 
 
 def _label(drawing: Drawing, object_id: str) -> str:
-    """Return the label of an object, such as `glider (object_1)`; its id if the prompt does not name it."""
-    name = drawing.names.get(object_id, object_id)
-    return object_id if name == object_id else f"{name} ({object_id})"
+    return label_of(object_id, drawing.names.get(object_id, object_id))
 
 
 class _Frames:

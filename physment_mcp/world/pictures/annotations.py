@@ -1,4 +1,4 @@
-"""Annotations of a plate: axes, scale bar, and labels with the ids of objects, placed where they cover least.
+"""Annotations of a plate: axes, scale bar, and labels of objects, placed where they cover least.
 
 Independent of the engine. Positions are in pixels.
 """
@@ -62,6 +62,11 @@ class Optics:
         x, y = middle(box_of(self.places(points)))
         # A comparison with NaN is false, so what lies behind the camera is outside too.
         return 0 <= x <= self.width and 0 <= y <= self.height
+
+
+def label_of(object_id: str, name: str) -> str:
+    """Return the label of an object, such as `glider (object_1)`; its id if it has no other name."""
+    return object_id if name == object_id else f"{name} ({object_id})"
 
 
 def round_length(metres: float) -> float:

@@ -184,12 +184,12 @@ NO_FLOOR = "the grid is no part of the scene"
 """Note below an image whose grid is not part of the scene."""
 
 
-def plate(mjcf: str, objects: Sequence[str], notes: Sequence[str] = ()) -> Pixels:
+def plate(mjcf: str, labels: Mapping[str, str], notes: Sequence[str] = ()) -> Pixels:
     """Render the plate of a model (HEIGHT, WIDTH, 3).
 
     Args:
         mjcf: The visible bodies, written by `picture_model`; not empty.
-        objects: Bodies to label: beside them, or in a line of names if they are not drawn.
+        labels: Body → its label, which is beside it, or in a line of labels if it is not drawn.
         notes: Further lines.
     """
     model, data = staged(mjcf)
@@ -198,14 +198,14 @@ def plate(mjcf: str, objects: Sequence[str], notes: Sequence[str] = ()) -> Pixel
     view = replace(found, distance=found.distance * ROOM)
     optics = Optics(view, WIDTH, HEIGHT)
     ground = ground_below(model, boxes, optics)
-    named = named_corners(model, boxes, objects)
+    named = named_corners(model, boxes, labels)
     inside = {name: corners for name, corners in named.items() if optics.shows(corners)}
-    absent = [name for name in objects if name not in inside]
+    absent = [label for name, label in labels.items() if name not in inside]
     lines = [f"not shown: {_listed(absent)}"] if absent else []
     if ground is not None:
         lines.append(NO_FLOOR)
     overlay = Overlay(WIDTH, HEIGHT)
-    annotate(overlay, optics, inside, [*lines, *notes])
+    annotate(overlay, optics, {labels[name]: corners for name, corners in inside.items()}, [*lines, *notes])
     with contextlib.closing(Studio(mjcf, view, ground)) as studio:
         return overlay.over(studio.shoot(_FRAMES))
 

@@ -1,14 +1,19 @@
 """Tests of plates: files, shapes, scale bars and positions of labels."""
 
 import io
+from typing import ClassVar
 
 import numpy as np
 import pytest
 from PIL import Image
 
-from physment_mcp.world.pictures.annotations import Label, Optics, arranged, round_length, written_length
+from evaluator.certify.pictures import draw_picture
+from physment_mcp.world.pictures import plates
+from physment_mcp.world.pictures.annotations import Box, Label, Optics, arranged, round_length, written_length
 from physment_mcp.world.pictures.framing import View, camera_axes
-from physment_mcp.world.pictures.overlay import Overlay, png_of
+from physment_mcp.world.pictures.overlay import LINE, Colour, Overlay, Pixels, png_of
+from physment_mcp.world.pictures.plates import HEIGHT, WIDTH
+from scenes import find_pack
 
 
 def test_a_png_holds_its_pixels_and_one_with_few_colours_the_nearest() -> None:
@@ -50,3 +55,53 @@ def test_labels_overlap_neither_each_other_nor_the_edge() -> None:
         assert 0 <= left < right <= 960
         assert 0 <= top < bottom <= 640
         assert not [o for o in spots[:place] if left < o[2] and o[0] < right and top < o[3] and o[1] < bottom]
+
+
+class RecordedOverlay(Overlay):
+    """An overlay that remembers its texts and their boxes."""
+
+    drawn: ClassVar[list["RecordedOverlay"]] = []
+
+    def __init__(self, width: int, height: int, finer: int = 1) -> None:
+        super().__init__(width, height, 1)
+        self.texts: list[tuple[str, Box]] = []
+        self.drawn.append(self)
+
+    def text(self, text: str, left: float, top: float, colour: Colour) -> None:
+        self.texts.append((text, (left, top, left + self.width(text), top + LINE)))
+        super().text(text, left, top, colour)
+
+
+class DarkStudio:
+    """A studio that renders nothing."""
+
+    def __init__(self, *_: object) -> None:
+        pass
+
+    def shoot(self, _: int) -> Pixels:
+        return np.zeros((HEIGHT, WIDTH, 3), np.uint8)
+
+    def close(self) -> None:
+        pass
+
+
+@pytest.mark.parametrize("scene", [8, 13, 29, 110])
+def test_texts_of_a_scenes_picture_overlap_neither_each_other_nor_the_edge(
+    scene: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(plates, "Overlay", RecordedOverlay)
+    monkeypatch.setattr(plates, "Studio", DarkStudio)
+    monkeypatch.setattr(RecordedOverlay, "drawn", [])
+    draw_picture(find_pack(scene))
+    (overlay,) = RecordedOverlay.drawn
+    assert [text for text, _ in overlay.texts if text.endswith("(object_1)")]
+    for place, (text, (left, top, right, bottom)) in enumerate(overlay.texts):
+        assert 0 <= left < right <= WIDTH, text
+        assert 0 <= top < bottom <= HEIGHT, text
+        covered = [
+            other
+            for other, box in overlay.texts[:place]
+            if left < box[2] and box[0] < right and top < box[3] and box[1] < bottom
+        ]
+        # The letters of axes that point away from the reader lie close together.
+        assert [other for other in covered if {other, text} - {"x", "y", "z"}] == [], text
