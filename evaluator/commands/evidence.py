@@ -23,7 +23,7 @@ from evaluator.scores.scored_episode import MeasuredEpisode, evidence_summary
 from evaluator.store.run_folder import RunFolder
 from evaluator.study.forking import CONDITIONS, meeting
 from evaluator.study.integrity import is_withheld, seeds_of
-from evaluator.study.run_start import refuse_other_worlds
+from evaluator.study.provenance import refuse_other_worlds
 from scenes import PackError, find_pack
 
 _DESCRIPTION = f"""\

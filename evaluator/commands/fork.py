@@ -17,9 +17,9 @@ from evaluator.records.run import ForkedRun, Plan, SeedKey
 from evaluator.store.run_folder import RunFolder
 from evaluator.study.forking import CONDITIONS, ForkParticipant, fork_keys, select_episodes
 from evaluator.study.integrity import pass_on_key, read_revealed, read_seed_key, seal_note, seeds_of
+from evaluator.study.meter import Meter
+from evaluator.study.provenance import refuse_other_worlds
 from evaluator.study.run_config import RunConfig, participants_of
-from evaluator.study.run_start import refuse_other_worlds
-from evaluator.study.runner import Meter
 from scenes import PackError, find_pack
 
 _DESCRIPTION = f"""\

@@ -10,7 +10,7 @@ from evaluator.commands.base import Commands, folder_to_write, stored_run_option
 from evaluator.commands.finishing import finish
 from evaluator.store.run_folder import RunFolder
 from evaluator.study.integrity import pass_on_key, seeds_of
-from evaluator.study.run_start import refuse_other_packs, refuse_other_worlds
+from evaluator.study.provenance import refuse_other_packs, refuse_other_worlds
 from evaluator.study.shards import expand, merge
 
 _DESCRIPTION = """\

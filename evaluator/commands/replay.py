@@ -15,8 +15,8 @@ from evaluator.commands.base import Commands, count_of, run_async, seed_key, wid
 from evaluator.episode.connect import connect
 from evaluator.store.run_folder import RunFolder
 from evaluator.study.integrity import seeds_of
+from evaluator.study.provenance import refuse_other_worlds
 from evaluator.study.replay import REL_TOL, Replayed, replay
-from evaluator.study.run_start import refuse_other_worlds
 from scenes import reference_of
 
 _DESCRIPTION = """\

@@ -23,9 +23,9 @@ from evaluator.commands.run_options import add_options, read_options
 from evaluator.errors import UsageError
 from evaluator.records.episode import EpisodeKey
 from evaluator.records.run import SEED_SHIFT, AdaptivePlan, Plan, SeedProofs
+from evaluator.study.meter import Meter
 from evaluator.study.ray_executor import require_ray
 from evaluator.study.run_config import RunConfig, participants_of
-from evaluator.study.runner import Meter
 from evaluator.study.shards import WHOLE, Shard
 from scenes import USUAL_TIMESTEP_S, PackError, PackFiles, default_folder, timestep_of
 

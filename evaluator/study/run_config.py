@@ -23,7 +23,7 @@ from evaluator.episode.loop import AgentParticipant, Participant
 from evaluator.episode.player import Agent
 from evaluator.errors import UsageError
 from evaluator.records.run import Plan, SeedKey, SeedOf, seed_as_recorded
-from evaluator.study.runner import Limits
+from evaluator.study.meter import Limits
 from evaluator.study.shards import WHOLE, Shard
 from scenes import PackFiles
 

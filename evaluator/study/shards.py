@@ -10,7 +10,7 @@ from evaluator.records.episode import Episode, EpisodeKey, Outcome
 from evaluator.records.run import MergedPart, RunRecord
 from evaluator.store.run_folder import RunFolder
 from evaluator.study.integrity import Sealing, seal_note
-from evaluator.study.run_start import worlds_difference
+from evaluator.study.provenance import worlds_difference
 from scenes import reference_of
 
 COUNT_VARIABLE = "PHYSMENT_SHARDS"

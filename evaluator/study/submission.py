@@ -21,8 +21,8 @@ from evaluator.scores.scored_episode import WITHDRAWN, ScoredEpisode
 from evaluator.scores.scoring import graded_rows
 from evaluator.store.run_folder import RunFolder
 from evaluator.store.seal import Seal
+from evaluator.study.provenance import refuse_other_packs
 from evaluator.study.replay import REL_TOL
-from evaluator.study.run_start import refuse_other_packs
 from scenes import reference_of
 
 

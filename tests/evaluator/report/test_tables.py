@@ -112,7 +112,8 @@ def test_accuracies_by_budget_and_category_are_those_of_the_episodes(study: Run)
 
 def test_the_page_describes_a_budget_curve_as_the_terminal_does(study: Run) -> None:
     (curve,) = agent_results([study])[0].summary.budget_curves
-    assert f"<li><b>model:x</b>: {curve_sentence(curve.curve)}.</li>" in render([study]).page
+    page = render([study]).page.replace("\N{NO-BREAK SPACE}", " ")
+    assert f"<li><b>model:x</b>: {curve_sentence(curve.curve)}.</li>" in page
 
 
 def test_a_group_of_categories_includes_its_modalities(study: Run) -> None:
