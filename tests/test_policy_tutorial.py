@@ -2,6 +2,8 @@
 
 import re
 
+import pytest
+
 from tests.harness.policy_tutorial import NETWORK, POLICY, learned, shares
 
 SCENES = (7, 9, 14)
@@ -22,6 +24,7 @@ def test_every_row_of_the_table_is_above_the_quantile_of_random_play() -> None:
     assert all(float(share) > limits[scene] for row in rows for scene, share in zip(SCENES, row[1:], strict=True))
 
 
+@pytest.mark.extended
 def test_a_tenth_of_the_training_of_the_network_beats_the_quantile_of_random_play() -> None:
     trained, limits = learned(NETWORK, 60, "--variants", "30")
     assert set(trained) == set(limits) == {*TRAINED, HELD_OUT}

@@ -19,7 +19,9 @@ from tests.harness.fresh_seeds import verdict
         pytest.param(76, 2165984442, id="the second cart moved too slowly to tell the size of its resistance"),
         pytest.param(76, 3306113100, id="the second cart moved too slowly to tell the kind of its resistance"),
         pytest.param(97, 4205994631, id="a force grew fivefold at once, and the line that swung was parted"),
-        pytest.param(100, 3881588331, id="a yielding dashpot carried a knob into its latch"),
+        pytest.param(
+            100, 3881588331, id="a yielding dashpot carried a knob into its latch", marks=pytest.mark.extended
+        ),
         pytest.param(
             100,
             78930479,
@@ -27,7 +29,9 @@ from tests.harness.fresh_seeds import verdict
             marks=pytest.mark.extended,
         ),
         pytest.param(105, 2036144970, id="a pan swung under a new ball, and its stiff thread broke"),
-        pytest.param(107, 2161080772, id="the fit omitted the inertia of pan and load, at 74 N"),
+        pytest.param(
+            107, 2161080772, id="the fit omitted the inertia of pan and load, at 74 N", marks=pytest.mark.extended
+        ),
         pytest.param(
             107, 3766720252, id="the fit omitted the inertia of pan and load, at 125 N", marks=pytest.mark.extended
         ),

@@ -12,7 +12,7 @@ from evaluator.scores.scoring import law_grade
 from scenes import one_world, reference_of
 from tests.builders.records import VERSIONS
 
-SCENES = (201, one_world("world:1:1"))
+SCENES = (pytest.param(201, marks=pytest.mark.extended), one_world("world:1:1"))
 
 
 @pytest.mark.parametrize("scene", SCENES, ids=reference_of)

@@ -454,7 +454,7 @@ def test_a_proxy_is_let_in_by_its_name_and_stands_in_the_links(tmp_path: Path, h
 
 
 @pytest.mark.skipif(PROGRAM is None, reason="Chromium is not installed")
-@pytest.mark.parametrize(("width", "scheme"), [(1280, "light"), (390, "dark")])
+@pytest.mark.parametrize(("width", "scheme"), [(1280, "light"), pytest.param(390, "dark", marks=pytest.mark.extended)])
 def test_a_person_agrees_plays_and_is_thanked_in_the_browser(
     tmp_path: Path, host_url: str, width: int, scheme: str
 ) -> None:
