@@ -41,7 +41,7 @@ from evaluator.store.run_folder import RunFolder
 from evaluator.study.integrity import Sealing, read_seed_key
 from evaluator.study.run_start import run_record, server_record
 from evaluator.study.selection import parse_scenes
-from physment_mcp.contract.request_origin import is_loopback
+from physment_mcp.contract.addresses import is_loopback
 from scenes import PackFiles, default_folder
 from scenes.splits import HELD_BACK
 from scenes.worlds.folders import levels_of, worlds_of

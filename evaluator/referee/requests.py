@@ -27,7 +27,8 @@ from evaluator.errors import InfrastructureError, RefusedRequest, StoreError, Us
 from evaluator.referee.contract import EndedEpisode, Reward, WantedEpisode, WantedGroup, WantedVariants
 from evaluator.referee.episodes import Referee
 from evaluator.referee.recording import CONTENT_TYPE
-from physment_mcp.contract.request_origin import LOOPBACK, is_sent_to
+from physment_mcp.contract.addresses import LOOPBACK
+from physment_mcp.contract.request_origin import is_sent_to
 from scenes import is_world, reference_of
 
 M = TypeVar("M", bound=BaseModel)

@@ -12,8 +12,8 @@ from threading import Thread
 import anyio
 
 from physment_mcp.commands.base import Commands, common_options, observations, port, positive, timestep
+from physment_mcp.contract.addresses import is_loopback
 from physment_mcp.contract.command_line import restore_sigint
-from physment_mcp.contract.request_origin import is_loopback
 from physment_mcp.errors import NotOpened, UsageError
 
 _OPEN_FILES = 65_536

@@ -1,10 +1,9 @@
-"""Addresses that only this machine reaches, checks of the headers Host and Origin, and middleware for local pages.
+"""Checks of the headers Host and Origin, and middleware for pages that only this machine may request.
 
 They prevent DNS rebinding: a web page makes its own host name resolve to the address of a server on this machine, and
 its requests then carry that name.
 """
 
-import ipaddress
 import re
 from collections.abc import Collection, Mapping
 
@@ -12,17 +11,7 @@ from starlette.datastructures import Headers
 from starlette.responses import JSONResponse
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-LOOPBACK = frozenset({"127.0.0.1", "localhost", "::1"})
-"""Host names and addresses that only programs on this machine can reach."""
-
-
-def is_loopback(address: str) -> bool:
-    """Whether only this machine can reach a server that listens on this address."""
-    try:
-        return ipaddress.ip_address(address.strip("[]")).is_loopback
-    except ValueError:
-        return address in LOOPBACK
-
+from physment_mcp.contract.addresses import LOOPBACK
 
 _PLACE = re.compile(r"(?:\[(?P<ip6>[0-9a-f:.]+)\]|(?P<name>[a-z0-9._-]+))(?::[0-9]{1,5})?", re.ASCII | re.IGNORECASE)
 """A name or an address, with or without a port: all that a Host header may contain (RFC 9110, 7.2)."""

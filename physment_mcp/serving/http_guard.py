@@ -24,7 +24,8 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from uvicorn.protocols.http.auto import AutoHTTPProtocol
 from uvicorn.protocols.http.flow_control import FlowControl
 
-from physment_mcp.contract.request_origin import LOOPBACK, foreign_origin, is_sent_to
+from physment_mcp.contract.addresses import LOOPBACK
+from physment_mcp.contract.request_origin import foreign_origin, is_sent_to
 from physment_mcp.errors import quoted
 
 logger = logging.getLogger(__name__)

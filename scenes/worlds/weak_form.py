@@ -88,7 +88,7 @@ class Legs:
 
     @classmethod
     def of(cls, course: Course, told: Situation) -> "Legs":
-        """Create legs that are linearised around the readings, less the error that a instrument seems to have."""
+        """Create legs that are linearised around the readings, less the error that an instrument seems to have."""
         bare = Structure(told.apparatus, (), told.radius)
         path = np.vstack([np.array(bare.start)[: bare.read], course.readings])
         if told.errors:

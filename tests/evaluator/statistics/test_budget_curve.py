@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from evaluator.statistics.paired import BudgetCurve, Cell, CurveShape, PairedTest, budget_curve
+from evaluator.statistics.budget_curve import BudgetCurve, Cell, CurveShape, budget_curve
+from evaluator.statistics.paired import PairedTest
 
 BUDGETS = (5, 10, 15, 20)
 

@@ -48,3 +48,13 @@ def test_a_server_that_is_started_in_a_terminal_says_what_it_waits_for(words: li
     assert said.startswith("physment-mcp: waits for messages of an MCP client")
     assert f"`physment-eval {tried}`" in said
     assert (output, errors) == (b"", b"")
+
+
+def test_the_help_waits_neither_for_the_engine_nor_for_a_server_library() -> None:
+    code = """
+import sys
+import physment_mcp.commands.program
+sys.exit(" ".join({"mcp", "mujoco", "starlette", "uvicorn"} & set(sys.modules)) or 0)
+"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr) == (0, "")

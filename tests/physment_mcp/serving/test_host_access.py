@@ -13,7 +13,7 @@ from mcp.client.streamable_http import streamable_http_client
 from mcp.shared.exceptions import MCPError
 
 from physment_mcp.commands.program import main
-from physment_mcp.contract.request_origin import is_loopback
+from physment_mcp.contract.addresses import is_loopback
 from physment_mcp.serving.episode_server import EpisodeServer
 from tests.builders.hosts import FOREIGN_HOSTS
 from tests.builders.laboratory import OpenHost, WritePack
