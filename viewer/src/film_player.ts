@@ -21,7 +21,7 @@ const AT_REST =
 const READ =
   "What moves may be read here but not watched: a dashed ring stands where each object was read last.";
 const HELP =
-  "▶ at a call shows it here. Space plays, comma and full stop go from call to call, brackets from turn to turn. Drag or arrow keys turn the" +
+  "▶ at a call shows it here. Space plays, comma and full stop go from call to call, brackets from iteration to iteration. Drag or arrow keys turn the" +
   " picture, + and − zoom.";
 
 export class FilmPlayer {
@@ -99,11 +99,11 @@ export class FilmPlayer {
     return element(
       "div",
       { class: "film-controls" },
-      this.button("⇤", "turn before", () => this.course.showTurn(-1)),
+      this.button("⇤", "previous iteration", () => this.course.showTurn(-1)),
       this.button("←", "call before", () => this.course.showCall(this.course.current - 1)),
       this.toggle,
       this.button("→", "next call", () => this.course.showCall(this.course.current + 1)),
-      this.button("⇥", "next turn", () => this.course.showTurn(1)),
+      this.button("⇥", "next iteration", () => this.course.showTurn(1)),
       track,
       this.clock,
       this.speed,
@@ -143,7 +143,7 @@ export class FilmPlayer {
     this.cursors.place(course.time, course.current);
     const call = course.calls[course.current];
     const turns = reel.film.calls.length;
-    const where = call ? `turn ${call.turn + 1} of ${turns}, call ${call.call + 1}` : "before the first call";
+    const where = call ? `iteration ${call.turn + 1} of ${turns}, call ${call.call + 1}` : "before the first call";
     this.clock.textContent = `${course.time.toFixed(2)} of ${Number(course.end.toFixed(2))} s, ${where}`;
     this.box.setAttribute("aria-label", `The laboratory at ${course.time.toFixed(3)} s, ${where}`);
     this.scrub.value = `${course.time}`;

@@ -14,6 +14,10 @@ const AXES = [
 const AXIS_PX = 26;
 /** The scale bar is at most this share of the width. */
 const BAR = 0.22;
+/** How many of its heights a label moves away from its object at most. */
+const FARTHEST = 4;
+/** How far a long label is above the middle of the ring that marks where its object was read [px]. */
+const RAISED = 13;
 
 export interface Label {
   id: string;
@@ -88,21 +92,25 @@ export class Overlay {
 
   private placeLabels(camera: Camera, labels: Label[], width: number, height: number): void {
     const placed: Box[] = [];
-    // From bottom to top: a label that would cover another goes above it, away from its own object.
+    // Long labels first, since they cannot be left out: no other mark shows where their objects were read. Then from
+    // bottom to top, so that labels that give way go above the others, away from their own objects.
     const seen = labels
       .map(({ id, at }) => ({ tag: this.tags.get(id), at: at.clone().project(camera) }))
-      .sort((one, other) => one.at.y - other.at.y);
+      .sort((one, other) => Number(isLong(other.tag)) - Number(isLong(one.tag)) || one.at.y - other.at.y);
     for (const { tag, at } of seen) {
       if (!tag) continue;
       tag.hidden = at.z > 1 || Math.abs(at.x) > 1 || Math.abs(at.y) > 1;
       if (tag.hidden) continue;
       const box = { x: 0, y: 0, width: tag.offsetWidth + 4, height: tag.offsetHeight };
       box.x = Math.min(Math.max(((at.x + 1) / 2) * width, box.width / 2), width - box.width / 2);
-      box.y = Math.max(((1 - at.y) / 2) * height, box.height);
-      const above = cleared(box, placed, (other) => other.y - other.height);
-      const free = above.y >= box.height ? above : cleared(box, [...placed].reverse(), (other) => other.y + box.height);
-      placed.push(free);
-      tag.style.transform = `translate(${free.x}px, ${free.y}px) translate(-50%, -100%)`;
+      const lower = ((1 - at.y) / 2) * height - (isLong(tag) ? RAISED : 0);
+      box.y = Math.min(Math.max(lower, box.height), height);
+      const free = freePlace(box, placed, height);
+      tag.hidden = free === null && !isLong(tag);
+      if (tag.hidden) continue;
+      const shown = free ?? box;
+      placed.push(shown);
+      tag.style.transform = `translate(${shown.x}px, ${shown.y}px) translate(-50%, -100%)`;
     }
   }
 
@@ -114,14 +122,27 @@ export class Overlay {
   }
 }
 
-/** A label moved out of the way of others, one after the other; `y` gives its new lower edge. */
-function cleared(box: Box, others: Box[], y: (other: Box) => number): Box {
-  const moved = { ...box };
-  for (const other of others) {
-    const beside = Math.abs(other.x - moved.x) >= (other.width + moved.width) / 2;
-    if (!beside && other.y > moved.y - moved.height && moved.y > other.y - other.height) moved.y = y(other);
-  }
-  return moved;
+function isLong(tag: HTMLElement | undefined): boolean {
+  return tag?.classList.contains("lab-unseen") ?? false;
+}
+
+/**
+ * The place nearest to a label's own, above or below it, where it covers no other label and is within the picture. Null
+ * if that is farther than `FARTHEST` of its heights: among many objects, nobody could tell whose label it is.
+ */
+function freePlace(box: Box, others: Box[], height: number): Box | null {
+  return (
+    [box.y, ...others.flatMap((other) => [other.y - other.height, other.y + box.height])]
+      .filter((y) => y >= box.height && y <= height && Math.abs(y - box.y) <= FARTHEST * box.height)
+      .sort((one, other) => Math.abs(one - box.y) - Math.abs(other - box.y))
+      .map((y) => ({ ...box, y }))
+      .find((moved) => !others.some((other) => covers(moved, other))) ?? null
+  );
+}
+
+function covers(one: Box, other: Box): boolean {
+  const beside = Math.abs(other.x - one.x) >= (other.width + one.width) / 2;
+  return !beside && other.y > one.y - one.height && one.y > other.y - other.height;
 }
 
 function axisOf(name: string, at: Vector3): SVGElement[] {

@@ -164,6 +164,8 @@ async function follow(): Promise<void> {
     } catch (failure) {
       shut();
       by("elsewhere").hidden = !(failure instanceof Elsewhere);
+      // A page that never showed the episode has only empty boxes. One that did keeps its readings.
+      if (failure instanceof Elsewhere && !state) document.body.classList.add("play-waits");
       if (failure instanceof TypeError) by("budget").textContent = `${state?.ended ?? ""} ${state?.person ? "This page is closed." : "The command has ended."}`.trim();
       else if (!(failure instanceof Elsewhere)) say((failure as Error).message);
       return;

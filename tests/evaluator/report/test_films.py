@@ -1,6 +1,7 @@
 """Tests of films in a report opened from disk: playback, keyboard, no requests, and messages if they cannot play."""
 
 from collections.abc import Iterator
+from itertools import combinations
 from pathlib import Path
 
 import numpy as np
@@ -8,6 +9,7 @@ import pytest
 from PIL import Image
 
 from evaluator.commands.program import main
+from evaluator.records.episode import ToolCall
 from evaluator.report.agent_results import Run
 from evaluator.report.attachments import FILMS, PLAYER
 from evaluator.report.page import PAGES, render, write_report
@@ -24,6 +26,12 @@ KEY = key_of(7, TURNS)
 OTHER = key_of(7, [[call("step", duration=0.1)], [call("answer", answer=1)]])
 CLOCK = "document.querySelector('.film-clock')?.textContent"
 BUTTON = "document.querySelector('#episode-{} .film > button')"
+LABELS = """(() => {
+  const inside = (box) => [box.left, box.top, box.right, box.bottom];
+  const labels = [...document.querySelectorAll('.film-box .lab-label')].filter((label) => !label.hidden);
+  return [document.querySelector('.film-box'), ...labels].map((shown) => inside(shown.getBoundingClientRect()));
+})()"""
+"""Left, upper, right and lower edges [px] of the picture, and of its labels."""
 
 
 @pytest.fixture(scope="module")
@@ -75,7 +83,7 @@ def test_a_film_plays_from_disk_and_asks_nobody(shown: tuple[Page, Path], run: R
     opened(browser, page, 2)
     browser.wait(f"parseFloat({CLOCK}) > 0.3")
     browser.run("document.querySelector('.film-play').click()")
-    assert "turn" in browser.run(CLOCK)
+    assert "iteration" in browser.run(CLOCK)
     browser.run("document.querySelector('.film-box').scrollIntoView({ block: 'center' })")
     assert any(red(browser, tmp_path / "shot.png") > 40 for _ in range(40)), "the ball is drawn"
     outline = "draws no three-dimensional pictures" in browser.run("document.querySelector('.film-panel').textContent")
@@ -99,14 +107,14 @@ def test_calls_turns_and_times_follow_the_keyboard_and_the_charts_follow_the_fil
         browser.run(f"document.querySelector('.film-box').dispatchEvent({event})")
         return browser.run(CLOCK)
 
-    assert pressed(".") == "0.05 of 0.95 s, turn 1 of 20, call 1"
-    assert pressed("]") == "0.10 of 0.95 s, turn 2 of 20, call 1"
-    assert pressed(".") == "0.10 of 0.95 s, turn 2 of 20, call 2"
+    assert pressed(".") == "0.05 of 0.95 s, iteration 1 of 20, call 1"
+    assert pressed("]") == "0.10 of 0.95 s, iteration 2 of 20, call 1"
+    assert pressed(".") == "0.10 of 0.95 s, iteration 2 of 20, call 2"
     assert "get_position" in browser.run("document.querySelector('.film-calls [aria-current]').textContent")
-    assert pressed("[") == "0.05 of 0.95 s, turn 1 of 20, call 1"
+    assert pressed("[") == "0.05 of 0.95 s, iteration 1 of 20, call 1"
     scrubber = "document.querySelector('.film-controls input')"
     browser.run(f"{scrubber}.value = 0.5; {scrubber}.dispatchEvent(new Event('input'))")
-    assert browser.run(CLOCK).startswith("0.50 of 0.95 s, turn 10 of 20")
+    assert browser.run(CLOCK).startswith("0.50 of 0.95 s, iteration 10 of 20")
     ticks = (
         "[...document.querySelectorAll('#episode-2 .chart text.x')].map((t) => [+t.textContent, +t.getAttribute('x')])"
     )
@@ -123,6 +131,29 @@ def test_calls_turns_and_times_follow_the_keyboard_and_the_charts_follow_the_fil
     browser.send("Emulation.setEmulatedMedia", features=[])
 
 
+def test_labels_of_many_objects_cover_neither_each_other_nor_leave_the_picture(browser: Page, tmp_path: Path) -> None:
+    def ball(number: int) -> ToolCall:
+        place = [0.5 + 0.04 * (number % 3), 0.05 * (-1) ** number * (number // 2), 30 + 0.04 * (number % 2)]
+        return call("create_objects", name=f"ball_{number}", pos=place, density=1000, rgba=[0, 0, 1, 1], radius=0.02)
+
+    turns = [[ball(number) for number in range(18)], [call("answer", answer=7.848)]]
+    made = stored_run(tmp_path / "crowded", (key_of(7, turns), turns))
+    assert main(["film", str(made.path)]) == 0
+    opened(browser, report(made), 1)
+    scrubber = "document.querySelector('.film-controls input')"
+    browser.run(f"{scrubber}.value = {scrubber}.max; {scrubber}.dispatchEvent(new Event('input'))")
+    # A label that was not drawn yet is in the corner.
+    browser.wait(f"{LABELS}.length > 2 && {LABELS}.every((box, place) => !place || box[1] > {LABELS}[0][1])")
+    browser.run("new Promise((drawn) => requestAnimationFrame(() => requestAnimationFrame(drawn)))")
+    picture, *labels = browser.run(LABELS)
+    for left, top, right, bottom in labels:
+        assert min(left - picture[0], top - picture[1], picture[2] - right, picture[3] - bottom) > -1
+    for one, other in combinations(labels, 2):
+        widths = min(one[2], other[2]) - max(one[0], other[0])
+        heights = min(one[3], other[3]) - max(one[1], other[1])
+        assert min(widths, heights) < 1, "two labels overlap"
+
+
 def test_a_call_of_the_notebook_is_shown_in_the_film_and_the_film_leads_back_to_it(
     run: RunFolder, browser: Page
 ) -> None:
@@ -130,10 +161,10 @@ def test_a_call_of_the_notebook_is_shown_in_the_film_and_the_film_leads_back_to_
     go = "document.querySelector('#episode-2-{} button.film-go')"
     browser.run(f"{go.format('12-2')}.focus()")
     browser.press("Enter")
-    assert browser.run(CLOCK) == "0.60 of 0.95 s, turn 12 of 20, call 2"
+    assert browser.run(CLOCK) == "0.60 of 0.95 s, iteration 12 of 20, call 2"
     assert browser.run("document.activeElement.className") == "film-play"
     browser.run("document.querySelector('.film-calls tbody:first-of-type button.film-go').click()")
-    assert browser.run(CLOCK) == "0.60 of 0.95 s, turn 12 of 20, call 1"
+    assert browser.run(CLOCK) == "0.60 of 0.95 s, iteration 12 of 20, call 1"
     browser.run("document.querySelector('.film-head a').click()")
     browser.wait("document.activeElement.id === 'episode-2-12-1'")
     ticks = browser.run("document.querySelector('.film-track path').getAttribute('d')").split("M")[1:]

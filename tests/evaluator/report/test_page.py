@@ -149,7 +149,7 @@ def test_provenance_names_split_held_back_seeds_and_the_run_that_was_forked() ->
     text = render([Run("run", record, [again], {})]).page
     assert "<dt>Split</dt><dd>held-back</dd>" in text
     assert "held back; numbers of variants 0, drawn with the key of commitment <code>c0ffee</code>" in text
-    assert "episodes of &lt;b&gt;earlier&lt;/b&gt;, continued after turn 2; its seal is <code>abc</code>" in text
+    assert "episodes of &lt;b&gt;earlier&lt;/b&gt;, continued after iteration 2; its seal is <code>abc</code>" in text
     assert "the first 2 turns are those of first" in text
     assert "made by first" in text
     assert "Scene 7, variant 0" in text

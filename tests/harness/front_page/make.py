@@ -23,7 +23,7 @@ from rich.console import Console
 
 from tests.builders.chromium import SOFTWARE_WEBGL, Page, chromium, installed
 from tests.builders.paths import DOCS
-from tests.harness.front_page.episode import Played, caption, played
+from tests.harness.front_page.episode import PACKS, Played, caption, played
 
 PICTURES = DOCS / "pictures"
 SCHEMES = ("light", "dark")
@@ -97,13 +97,10 @@ def _report(page: Page, file: Path) -> None:
 
 
 def _film(page: Page, folder: Path) -> None:
-    """Film two balls that roll down a slope, and show the film in its report in the middle of the step."""
-    for words in (
-        ["run", "--agent", "reference", "--scenes", "8", "--out", folder],
-        ["film", folder],
-        ["report", folder],
-    ):
-        subprocess.run([sys.executable, "-m", "evaluator", *words], check=True)
+    """Show the film of the README's episode in its report, in the middle of the first step."""
+    played(folder)
+    report = [sys.executable, "-m", "evaluator", "report", str(folder), "--scenes-dir", str(PACKS)]
+    subprocess.run(report, check=True)
     scrub = "document.querySelector('.film-controls input')"
     for scheme in SCHEMES:
         page.look(REPORT_WIDTH, scheme, scale=SCALE)
