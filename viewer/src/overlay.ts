@@ -83,15 +83,15 @@ export class Overlay {
 
   /** Put everything where the camera sees it; sizes in CSS pixels. */
   place(camera: Camera, labels: Label[], width: number, height: number, perPixel: number): void {
-    this.placeLabels(camera, labels, width, height);
     this.drawAxes(camera.quaternion);
     const length = roundLength(perPixel * width * BAR);
     this.bar.style.width = `${length / perPixel}px`;
     this.bar.textContent = metres(length);
+    this.placeLabels(camera, labels, width, height);
   }
 
   private placeLabels(camera: Camera, labels: Label[], width: number, height: number): void {
-    const placed: Box[] = [];
+    const placed = this.corners();
     // Long labels first, since they cannot be left out: no other mark shows where their objects were read. Then from
     // bottom to top, so that labels that give way go above the others, away from their own objects.
     const seen = labels
@@ -112,6 +112,15 @@ export class Overlay {
       placed.push(shown);
       tag.style.transform = `translate(${shown.x}px, ${shown.y}px) translate(-50%, -100%)`;
     }
+  }
+
+  /** What labels must not cover. */
+  private corners(): Box[] {
+    const { left, top } = this.element.getBoundingClientRect();
+    return [this.axes, this.bar, this.grid]
+      .map((shown) => shown.getBoundingClientRect())
+      .map(({ x, bottom, width, height }) => ({ x: x - left + width / 2, y: bottom - top, width, height }))
+      .filter(({ width }) => width > 0);
   }
 
   private drawAxes(camera: Quaternion): void {

@@ -28,10 +28,10 @@ CLOCK = "document.querySelector('.film-clock')?.textContent"
 BUTTON = "document.querySelector('#episode-{} .film > button')"
 LABELS = """(() => {
   const inside = (box) => [box.left, box.top, box.right, box.bottom];
-  const labels = [...document.querySelectorAll('.film-box .lab-label')].filter((label) => !label.hidden);
+  const labels = [...document.querySelectorAll('.film-box :is(.lab-label, .lab-scale, .lab-grid):not([hidden])')];
   return [document.querySelector('.film-box'), ...labels].map((shown) => inside(shown.getBoundingClientRect()));
 })()"""
-"""Left, upper, right and lower edges [px] of the picture, and of its labels."""
+"""Left, upper, right and lower edges [px] of the picture, and of its labels with those of the scale."""
 
 
 @pytest.fixture(scope="module")
@@ -143,7 +143,7 @@ def test_labels_of_many_objects_cover_neither_each_other_nor_leave_the_picture(b
     scrubber = "document.querySelector('.film-controls input')"
     browser.run(f"{scrubber}.value = {scrubber}.max; {scrubber}.dispatchEvent(new Event('input'))")
     # A label that was not drawn yet is in the corner.
-    browser.wait(f"{LABELS}.length > 2 && {LABELS}.every((box, place) => !place || box[1] > {LABELS}[0][1])")
+    browser.wait(f"{LABELS}.length > 4 && {LABELS}.every((box, place) => !place || box[1] > {LABELS}[0][1])")
     browser.run("new Promise((drawn) => requestAnimationFrame(() => requestAnimationFrame(drawn)))")
     picture, *labels = browser.run(LABELS)
     for left, top, right, bottom in labels:
