@@ -59,7 +59,8 @@ def tested(python: str | Path, *tests: str) -> int:
 
 def client(name: str) -> int:
     """Test the package of a framework that plays through the referee; skipped if it cannot be installed."""
-    ours = ("-e", ".") if name == "trl" else ()  # its extra `in-process`
+    # The extra `in-process`, and what transformers needs for weights in the GGUF format.
+    ours = ("-e", ".", "gguf") if name == "trl" else ()
     installed(name, "-e", "integrations/client", "-e", f"integrations/{name}", *ours, "uv", "pytest")
     return tested(sys.executable, f"tests/integrations/test_{name}.py")
 

