@@ -8,6 +8,7 @@ The provider continues only if the client passes on the reason of each refusal, 
 
 import contextlib
 import functools
+import hashlib
 import json
 import re
 import threading
@@ -31,6 +32,9 @@ WRONG = Call("get_position", {"object_id": "object_99"})
 WRONG_CALLS = 3
 _USAGE = {"prompt_tokens": 1, "completion_tokens": 1, "total_tokens": 2}
 _DONE = "The answer is given."
+_WAITING: dict[bytes, tuple[Any, Sequence[Call], int]] = {}
+"""Conversation → its protocol, the calls that it asked for last, and how many results it had before."""
+_MOST_WAITING = 1000
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,17 +61,30 @@ def next_call(conversation: Conversation) -> Call | None:
     if len(readings) < WRONG_CALLS:
         return WRONG
     readings = readings[WRONG_CALLS:]
-    protocol = _solver(conversation.task)(conversation.task)
-    batch, taken = next(protocol), readings
+    # A protocol goes on only once, so a second conversation with the same results begins its own.
+    protocol, batch, used = _WAITING.pop(_place(conversation.task, readings[:-1]), (None, (), 0))
+    if protocol is None:
+        protocol = _solver(conversation.task)(conversation.task)
+        batch = next(protocol)
+    taken, left = readings, readings[used:]
     try:
-        while len(readings) >= len(batch):
-            taken, readings = readings[: len(batch)], readings[len(batch) :]
+        while len(left) >= len(batch):
+            taken, left = left[: len(batch)], left[len(batch) :]
+            used += len(batch)
             batch = protocol.send(taken)
     except StopIteration:
         return None
     except (LookupError, TypeError) as error:
         raise ValueError(f"the protocol cannot use {json.dumps(taken)[:300]}") from error
-    return batch[len(readings)]
+    _WAITING[_place(conversation.task, readings)] = protocol, batch, used
+    while len(_WAITING) > _MOST_WAITING:
+        _WAITING.pop(next(iter(_WAITING)), None)
+    return batch[len(left)]
+
+
+def _place(task: str, readings: Sequence[Reading]) -> bytes:
+    """Identify a conversation up to its last result."""
+    return hashlib.sha256(json.dumps([task, readings]).encode()).digest()
 
 
 def _solver(task: str) -> Any:
