@@ -1,6 +1,6 @@
 """Plays the reference protocols of random variants through each integration, and measures the cost of an episode.
 
-python -m tests.integrations.measure [NAME...] [--scenes S] [--count N] [--seed S]
+python -m tests.integrations.measure [NAME...] [--scenes S] [--count N] [--seed S] [--parallel N]
 
 The model is the scripted one over HTTP, without its wrong calls. Each call is an iteration. The processor time is that
 of the programs of the integration, the referee and the host, without the model. One episode is played first: it gives
@@ -10,6 +10,7 @@ integration alone, shared pages divided among their users (PSS).
 
 import argparse
 import contextlib
+import functools
 import json
 import os
 import random
@@ -124,9 +125,9 @@ def row(name: str, first: Cost, others: Cost, load: float) -> tuple[str, ...]:
     )
 
 
-def in_verifiers(stand: Stand, pairs: Pairs) -> Played:
-    """Play in verifiers, two episodes at a time; returns the episodes."""
-    words = ["--no-push", "--no-rich", "-m", "scripted", "--client.base-url", f"{stand.model}/v1", "-c", "2"]
+def in_verifiers(stand: Stand, pairs: Pairs, parallel: int = 2) -> Played:
+    """Play in verifiers, several episodes at a time; returns the episodes."""
+    words = ["--no-push", "--no-rich", "-m", "scripted", "--client.base-url", f"{stand.model}/v1", "-c", str(parallel)]
     words += ["--env.taskset.pairs", str(_file(stand, pairs)), "--env.taskset.task.budget", str(BUDGET)]
     done = stand.run("vf-eval", "physment", *words, "--run.name", "all", "-o", stand.scratch / "out")
     assert done.returncode == 0, done.stderr[-2000:]
@@ -194,7 +195,9 @@ def main(argv: Sequence[str]) -> int:
     parser.add_argument("--scenes", default=SUITE, help="as for physment-eval (default: the suite)")
     parser.add_argument("--count", type=int, default=50, help="random pairs (default %(default)s)")
     parser.add_argument("--seed", type=int, default=0, help="of their draw (default %(default)s)")
+    parser.add_argument("--parallel", type=int, default=2, help="episodes at a time in verifiers (default %(default)s)")
     args = parser.parse_args(argv)
+    INTEGRATIONS["verifiers"] = functools.partial(in_verifiers, parallel=args.parallel)
     drawn = random.Random(args.seed)
     scenes = [files.scene_id for files in parse_scenes(args.scenes, None)]
     pairs = [(drawn.choice(scenes), drawn.randrange(1, 10**6)) for _ in range(args.count)]
