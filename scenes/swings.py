@@ -14,12 +14,14 @@ from scipy.optimize import least_squares
 
 from scenes.course_record import Course
 from scenes.courses import PLAIN, Knobs, Laws, Predictor
-from scenes.fitting import Array, refined
+from scenes.fitting import Array, Misfits, chi_square, refined
 from scenes.protocol import Call, Protocol, answer
 from scenes.rigs import Rig
 
 SHARES = (-1.0, -0.5, -0.2, 0.0, 0.2, 0.5, 1.0)
 """Candidate sizes of planned pushes, as fractions of the strongest."""
+_BEYOND = 1e3
+"""Penalty for each unit of distance beyond a limit, at each reading."""
 _LOST = 9.0
 """Coordinate that replaces a non-finite one of a diverged path: beyond every reach."""
 
@@ -48,31 +50,41 @@ class LegFit:
 
     def unit(self, course: Course, structure: str, known: Array | None = None) -> Array:
         """Return the fitted constants as a point of the unit cube; `known` is such a point from a fit of fewer legs."""
-
-        def misfits(units: Array) -> Array:
-            return self.laws.misfits(course, structure, units, by_legs=True, spread=self.spread, pull=self.pull)
-
+        misfits = self._misfits(course, structure)
         if known is None:
             units = np.random.default_rng(1).random((len(self.laws.names(structure)), self.starts))
             order = np.argsort(np.log1p(misfits(units) ** 2).sum(axis=0))[: self.tried]
             found = [refined(misfits, units[:, start], self.rounds) for start in order]
-            known = min(found, key=lambda unit: float((misfits(unit[:, None]) ** 2).sum()))
+            known = min(found, key=lambda unit: chi_square(misfits, unit))
         return refined(misfits, known, self.again)
 
     def fitted(self, course: Course, structure: str) -> tuple[float, dict[str, float]]:
         """Return chi-square and constants of the best fit, refined by `polished`."""
-
-        def misfits(unit: Array) -> Array:
-            units = np.asarray(unit)[:, None]
-            return self.laws.misfits(course, structure, units, by_legs=True, spread=self.spread, pull=self.pull)[:, 0]
-
-        unit = least_squares(misfits, self.unit(course, structure), method="lm", max_nfev=150).x
+        misfits, start = self._misfits(course, structure), self.unit(course, structure)
+        unit = least_squares(lambda point: misfits(point[:, None])[:, 0], start, method="lm", max_nfev=150).x
         constants = self.laws.constants(structure, unit)
-        return float((misfits(unit) ** 2).sum()), {name: float(value) for name, value in constants.items()}
+        return chi_square(misfits, unit), {name: float(value) for name, value in constants.items()}
 
     def best(self, course: Course) -> tuple[str, dict[str, float]]:
         """Return the structure with the best fit, with a penalty for each constant, and its constants."""
         return self.laws.cheapest({name: self.fitted(course, name) for name in self.laws.structures})
+
+    def plausible(self, course: Course, more: float) -> list[tuple[str, Knobs]]:
+        """Return the structures that the readings do not exclude, each with its best-fit constants.
+
+        Args:
+            course: Pushes and readings.
+            more: Largest chi-square of a plausible structure, above that of the best one.
+        """
+        units = {name: self.unit(course, name) for name in self.laws.structures}
+        costs = {name: chi_square(self._misfits(course, name), unit) for name, unit in units.items()}
+        largest = min(costs.values()) + more
+        return [(name, self.laws.constants(name, unit)) for name, unit in units.items() if costs[name] <= largest]
+
+    def _misfits(self, course: Course, structure: str) -> Misfits:
+        return lambda units: self.laws.misfits(
+            course, structure, units, by_legs=True, spread=self.spread, pull=self.pull
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -111,11 +123,15 @@ def to_a_side(plan: SwingPlan, place: Array, far: float, more: Array) -> Array:
         For each trial, the sum over readings of 10 max(min(side x, reach) - far, 0) + more - 1000 max(|x| - reach, 0).
     """
     wide = 10 * np.maximum(np.minimum(plan.side * place, plan.reach) - far, 0.0)
-    return (wide + more - 1e3 * np.maximum(abs(place) - plan.reach, 0.0)).sum(axis=0)
+    return (wide + more - _BEYOND * np.maximum(abs(place) - plan.reach, 0.0)).sum(axis=0)
 
 
 def _coasts(_: Course) -> Sequence[tuple[float, float]]:
     return ((0.0, 0.2), (0.0, 0.2))
+
+
+def _none(_: Course) -> Sequence[tuple[str, Knobs]]:
+    return ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -167,6 +183,10 @@ class Swing:
     """Number of simulated sequences."""
     calls: int = 148
     """Largest number of calls before the answer."""
+    plausible: Callable[[Course], Sequence[tuple[str, Knobs]]] = _none
+    """Returns structures and constants that the course so far does not exclude."""
+    limit: float = np.inf
+    """Distance within which a planned path should stay under each of them, and not only under the simplified law."""
 
     def solve(self, _: str) -> Protocol:
         """Increase a push until the body moves, then push as planned with the simplified law; fit every law."""
@@ -197,12 +217,21 @@ class Swing:
     def planned(self, plan: SwingPlan) -> Array:
         """Return the pushes of the next legs: the best of many sequences by the objective; shape (legs, controls)."""
         pushes = self.strongest(plan) * self.pattern(np.random.default_rng(2), self.ahead, self.trials)
+        worth = self.worth(plan, self._path(plan, pushes, PLAIN, plan.knobs))
+        beyond = [self._beyond(self._path(plan, pushes, *law)) for law in self.plausible(plan.course)]
+        return pushes[: self.legs, :, int(np.argmax(worth - np.max([np.zeros(self.trials), *beyond], axis=0)))]
+
+    def _path(self, plan: SwingPlan, pushes: Array, structure: str, knobs: Knobs) -> Array:
+        """Return the states at the readings of each sequence of pushes; shape (looks, states, trials)."""
         states, path = plan.course.readings[-1][:, None] + np.zeros(self.trials), list[Array]()
         for held in pushes:
             for _ in range(self.looks):
-                states = self.rough.laws.advanced(PLAIN, plan.knobs, 0.0, states, plan.look, held)
+                states = self.rough.laws.advanced(structure, knobs, 0.0, states, plan.look, held)
                 path.append(np.nan_to_num(states, nan=_LOST))
-        return pushes[: self.legs, :, int(np.argmax(self.worth(plan, np.array(path))))]
+        return np.array(path)
+
+    def _beyond(self, path: Array) -> Array:
+        return _BEYOND * np.maximum(abs(path[:, 0]) - self.limit, 0.0).sum(axis=0)
 
     def batch(self, _: str) -> Protocol:
         """Apply pushes of fixed sizes and durations; then fit every law."""

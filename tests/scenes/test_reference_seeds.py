@@ -18,6 +18,13 @@ from tests.harness.fresh_seeds import verdict
         pytest.param(48, 395233773, id="the fit ignored the ranges that the task states"),
         pytest.param(76, 2165984442, id="the second cart moved too slowly to tell the size of its resistance"),
         pytest.param(76, 3306113100, id="the second cart moved too slowly to tell the kind of its resistance"),
+        # An episode of scene 81 takes 5 s of processor time.
+        pytest.param(
+            81,
+            378326033,
+            id="one side was presumed as stiff as the other, and the pawl caught the crate",
+            marks=pytest.mark.extended,
+        ),
         pytest.param(97, 4205994631, id="a force grew fivefold at once, and the line that swung was parted"),
         pytest.param(
             100, 3881588331, id="a yielding dashpot carried a knob into its latch", marks=pytest.mark.extended

@@ -1,5 +1,6 @@
 """Tests of driving a swing: first small pushes, fits to each leg, planned pushes that keep the swing within reach."""
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -123,6 +124,33 @@ def test_a_fit_leg_by_leg_finds_the_constants_and_goes_on_from_what_is_known() -
     assert constants == pytest.approx({"m": MASS, "w": STIFFNESS}, rel=1e-3)
     assert cost < 1.0
     assert fit.best(_record()) == ("spring", constants)
+
+
+def _either(structure: str, knobs: Knobs, _: object, state: Array, controls: Array) -> Array:
+    x, v = state
+    return np.array([v, controls[0] / knobs["m"] - knobs["w"] * (x if structure == "spring" else abs(x) * x)])
+
+
+def test_structures_that_the_readings_exclude_are_not_plausible() -> None:
+    laws = replace(LAWS, rates=_either, structures={"spring": ("m", "w"), "square": ("m", "w")})
+    fit = LegFit(laws, spread=1.0, pull=0.1)
+    assert [structure for structure, _ in fit.plausible(_record(), 4.0)] == ["spring"]
+    assert [structure for structure, _ in fit.plausible(_record(), np.inf)] == ["spring", "square"]
+    assert fit.plausible(_record(), 4.0)[0][1] == pytest.approx({"m": MASS, "w": STIFFNESS}, rel=1e-3)
+
+
+@pytest.mark.parametrize(("limit", "within"), [(np.inf, False), (0.4, True)])
+def test_planned_pushes_keep_to_a_limit_under_every_plausible_law(limit: float, within: bool) -> None:
+    softer = {"m": MASS, "w": STIFFNESS / 2}
+    swing = replace(SWING, plausible=lambda _: [("spring", softer)], limit=limit, legs=SWING.ahead)
+    course, span = _record(), 0.3
+    pushes = swing.planned(SwingPlan({"m": MASS, "w": STIFFNESS}, course, span, REACH_M, 1, span / swing.looks))
+    states, places = course.readings[-1][:, None], list[float]()
+    for push in pushes:
+        for _ in range(swing.looks):
+            states = LAWS.advanced("spring", softer, 0.0, states, span / swing.looks, push)
+            places.append(float(abs(states[0, 0])))
+    assert (max(places) <= 0.4 + 1e-9) == within
 
 
 def test_a_start_that_nobody_knows_does_not_disturb_a_fit_leg_by_leg() -> None:
