@@ -108,18 +108,20 @@ LAWS = Laws(
     sigma=(0.004, 0.004, 0.01, 0.01),
     longest_s=0.25,
     starts=3000,
-    tried=8,
+    tried=16,
     rounds=15,
 )
 FLOOR = PuckFloor(
     laws=LAWS,
     predict=predict,
-    targets=((3.4, 1.0), (2.0, -2.5), (-3.0, -0.3), (1.0, 2.8), (2.0, 0.0), (3.0, -1.4), (-1.0, 2.0)),
+    targets=((3.2, 1.0), (-2.6, 1.9), (2.2, -2.4), (-3.0, -0.3), (1.0, 2.8), (3.2, -0.8), (-2.0, 2.4)),
     near_m=1.0,
     safe_m=3.6,
     haste=3.2,
-    leg_s=0.8,
-    slowed=0.65,
+    leg_s=1.0,
+    wanders=0.5,
+    patience=3,
+    rim_m=4.3,
     coasts_s=0.6,
 )
 solve, batch, fit = FLOOR.solve, FLOOR.batch, FLOOR.fit

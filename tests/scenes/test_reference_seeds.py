@@ -44,6 +44,8 @@ from tests.harness.fresh_seeds import verdict
         ),
         pytest.param(201, 850610864, id="a puck on one side of the floor determined a long wave too weakly"),
         pytest.param(212, 1924654402, id="a wrong mass led the puck into the rim"),
+        pytest.param(215, 3031066160, id="the fit of a wave ended in a local minimum"),
+        pytest.param(215, 2000933834, id="a wrong mass led the puck on waves into the rim"),
         # An episode of scene 216 takes 5 to 10 s of processor time.
         pytest.param(
             216, 524623619, id="a wrong estimate of the motion led the puck into the rim", marks=pytest.mark.extended
