@@ -38,6 +38,8 @@ class Other(NamedTuple):
     name: str
     change: Array | None
     """Change of the readings; None if a replay with these values returns results of another form."""
+    jacobian: Array
+    """Derivatives of the readings with respect to the continuous constants at these values (readings, constants)."""
 
 
 def others_of(constants: Constants, episode: Episode, told: Information, fitted: Sequence[Rival] | None) -> list[Other]:
@@ -49,7 +51,7 @@ def others_of(constants: Constants, episode: Episode, told: Information, fitted:
         if fitted is not None and structure is not None and law != structure(constants.values()):
             continue
         if _differs(constants, change):
-            found.append(Other(name, _changed(constants, episode, told, change)))
+            found.append(_other(constants, episode, told, name, change))
         if len(found) == MOST:
             break
     return found
@@ -81,15 +83,35 @@ def fitted_rivals(constants: Constants, episode: Episode) -> list[Rival] | None:
     ]
 
 
-def _changed(constants: Constants, episode: Episode, told: Information, change: dict[str, KnobValue]) -> Array | None:
-    try:
-        reads = replayed(constants.subject.files, constants.mjcf(discrete=change), episode, slopes=False)
-    except (NotMeasurable, PackError):
-        return None
-    values = joined(reads)
-    return values - told.values if values.shape == told.values.shape else None
+def _other(
+    constants: Constants, episode: Episode, told: Information, name: str, discrete: dict[str, KnobValue]
+) -> Other:
+    """Replay the calls with other discrete values.
+
+    The derivatives are computed at these values, because a constant may have an effect only with some of them.
+    """
+
+    def readings(shifts: dict[str, float]) -> Array | None:
+        try:
+            model = constants.mjcf(shifts, discrete)
+            values = joined(replayed(constants.subject.files, model, episode, slopes=False))
+        except (NotMeasurable, PackError):
+            return None
+        return values if values.shape == told.values.shape else None
+
+    jacobian = np.zeros_like(told.jacobian)
+    base = readings({})
+    if base is None:
+        return Other(name, None, jacobian)
+    for column, constant in enumerate(constants.names):
+        ends = [readings({constant: by}) for by in (_SHIFT, -_SHIFT)]
+        if ends[0] is not None and ends[1] is not None:
+            jacobian[:, column] = (ends[0] - ends[1]) / (2 * _SHIFT)
+    return Other(name, base - told.values, jacobian)
 
 
+_SHIFT = 1e-4
+"""Finite-difference step, as a share of a constant's range."""
 _FAR = 1e9
 """Chi-square of a rival whose replay returns results of another form."""
 
@@ -138,7 +160,7 @@ def _steps(
 ) -> Iterator[CallEvidence]:
     """Yield the evidence after each call with a reading."""
     seen: list[int] = []
-    changes = [_whitened(told, other) for other in others]
+    whitened = [_whitened(told, other) for other in others]
     for call, rows in groupby(range(len(told.calls)), key=told.calls.__getitem__):
         seen += rows
         fisher = told.fisher(seen)
@@ -148,34 +170,31 @@ def _steps(
             call=call + 1,
             bounds=tuple(float(f"{bound:.4g}") for bound in constants.bounds(fisher)),
             choice=constants.choice_probability(fisher),
-            rivals=sum(_distance(told, change, seen, fisher) <= EXCLUDED_SIGMAS**2 for change in changes),
+            rivals=sum(_distance(other, seen) <= EXCLUDED_SIGMAS**2 for other in whitened),
             bits=round(0.5 * float(sign * volume) / math.log(2), 2),
         )
 
 
-def _whitened(told: Information, other: Other) -> Array | None:
-    return None if other.change is None else told.whiten @ np.where(told.ignored, 0.0, other.change)
+def _whitened(told: Information, other: Other) -> Other:
+    """Return the change and the derivatives in units of independent standard deviations; 0 for ignored readings."""
+    if other.change is None:
+        return other
+    change = told.whiten @ np.where(told.ignored, 0.0, other.change)
+    return Other(other.name, change, told.whiten @ np.where(told.ignored[:, None], 0.0, other.jacobian))
 
 
-def _distance(told: Information, change: Array | None, rows: Sequence[int], fisher: Array) -> float:
-    """Return the chi-square of the readings for other discrete values, minimised over the continuous constants.
+def _distance(whitened: Other, rows: Sequence[int]) -> float:
+    """Return the chi-square of selected readings for other discrete values, minimised over the continuous constants.
 
-    The minimisation is a linear least-squares fit.
-
-    Args:
-        told: Information in the readings.
-        change: Whitened change of the readings for the other values; None if they have another form.
-        rows: The selected readings.
-        fisher: Their Fisher information.
+    The minimisation is a linear least-squares fit, with the prior of the constants.
     """
-    if change is None:
+    if whitened.change is None:
         return _FAR
-    apart = change[rows]
-    along = told.whitened[rows].T @ apart
-    return float(min(apart @ apart - along @ np.linalg.solve(fisher, along), _FAR))
+    apart, along = whitened.change[rows], whitened.jacobian[rows]
+    normal = PRIOR * np.eye(along.shape[1]) + along.T @ along
+    return float(min(apart @ apart - (along.T @ apart) @ np.linalg.solve(normal, along.T @ apart), _FAR))
 
 
 def _rival(told: Information, other: Other) -> Rival:
-    rows = range(len(told.calls))
-    distance = _distance(told, _whitened(told, other), rows, told.fisher(rows))
+    distance = _distance(_whitened(told, other), range(len(told.calls)))
     return Rival(name=other.name, chi_square=float(f"{distance:.4g}"), excluded=distance > EXCLUDED_SIGMAS**2)

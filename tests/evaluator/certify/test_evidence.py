@@ -155,6 +155,16 @@ def test_a_discrete_value_is_a_rival_until_a_reading_excludes_it(
     assert last.suffices == (open_rivals == 0)
 
 
+@pytest.mark.parametrize("scene", [14, 70])
+def test_a_constant_without_effect_at_other_discrete_values_does_not_explain_the_readings(scene: int) -> None:
+    # At the sampled values, one of two objects differs by a factor. At the rival's, both are alike for every factor.
+    subject = Subject.open(find_pack(scene))
+    episode = anyio.run(play_reference, subject, 0, MemoryConnector())
+    found = measured(subject, 0, episode, "0" * 64)
+    assert [rival.name for rival in found.rivals if not rival.excluded] == []
+    assert found.calls[-1].suffices
+
+
 def test_a_choice_has_the_probability_that_plausible_constants_give_it(
     played: Callable[..., tuple[Subject, Episode]],
 ) -> None:
