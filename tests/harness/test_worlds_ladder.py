@@ -14,6 +14,7 @@ from scenes.worlds.records import as_line, keys_file, lines_file
 from tests.harness.worlds_ladder import LINEAR, REFERENCES, main, table
 
 
+@pytest.mark.extended
 def test_the_ladder_is_measured_and_resumed(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

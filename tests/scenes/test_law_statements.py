@@ -163,6 +163,7 @@ def test_the_constants_of_a_structure_give_the_drawn_law(scene: int) -> None:
         assert StatedLaw(true, [f"object_{one.object_id}" for one in pack.objects.values()]).length < 150
 
 
+@pytest.mark.extended
 def test_a_reference_states_the_law_that_fits_its_readings_and_none_without_a_reading() -> None:
     files = find_pack(201)
     assert inferred_law(files, []) is None

@@ -30,7 +30,13 @@ async def play(agent: ReferenceAgent | RandomAgent | BlindAgent | OracleOnceAgen
         return await play_episode(agent, client, episode_key(scene, seed=seed), VERSIONS)
 
 
-@pytest.mark.parametrize("scene", [7, 16, 21, 26, 41, 46, 51, 66, 71, 76, 91, 96, 101])
+@pytest.mark.parametrize(
+    "scene",
+    [
+        *(7, 16, 21, 41, 46, 51, 66, 71, 96),
+        *(pytest.param(scene, marks=pytest.mark.extended) for scene in (26, 76, 91, 101)),
+    ],
+)
 async def test_the_reference_protocol_gives_the_right_answer_through_mcp(scene: int) -> None:
     """Plays seed 2, because the test that plays all scenes uses other seeds."""
     seed = 2
@@ -73,11 +79,8 @@ def central_interval(chances: list[float], level: float) -> tuple[int, int]:
     return low, high
 
 
-@pytest.mark.parametrize(
-    "agent",
-    [BlindAgent(), pytest.param(RandomAgent(), marks=pytest.mark.extended)],
-    ids=lambda agent: agent.name,
-)
+@pytest.mark.extended
+@pytest.mark.parametrize("agent", [BlindAgent(), RandomAgent()], ids=lambda agent: agent.name)
 async def test_a_guesser_is_right_as_often_as_chance_predicts_over_200_episodes(
     agent: BlindAgent | RandomAgent,
 ) -> None:

@@ -183,7 +183,14 @@ def test_a_hidden_body_may_be_stated_by_other_states() -> None:
     assert found.dependence_f1 == 1
 
 
-@pytest.mark.parametrize("reference", ["world:1:0", "world:3:1", "world:6:1", "world:7:0"])
+@pytest.mark.parametrize(
+    "reference",
+    [
+        "world:1:0",
+        "world:3:1",
+        *(pytest.param(name, marks=pytest.mark.extended) for name in ("world:6:1", "world:7:0")),
+    ],
+)
 def test_laws_of_worlds_are_graded(reference: str) -> None:
     true = RING.law(one_world(reference), 0)
     assert true is not None

@@ -71,6 +71,7 @@ def test_a_test_ends_at_its_standard_error_or_when_nothing_is_left() -> None:
     assert test.choose(1) == []
 
 
+@pytest.mark.extended
 def test_half_as_many_episodes_find_nearly_the_ability_of_the_full_test_and_intervals_cover() -> None:
     """Runs a smaller simulation than `tests.harness.calibration.adaptive`, which gives the published figures."""
     found = simulated(60, 1, np.random.default_rng(5))

@@ -111,12 +111,14 @@ def test_a_latch_that_remembers_and_stops_that_are_stiff_enough_hold(files: Pack
             "object_1 10 N x",
             "caught_object_1_x",
             id="a constant load stretches a weak spring",
+            marks=pytest.mark.extended,
         ),
         pytest.param(
             held_by("m * (150 * (1.1 * sign(x) - x) - 40 * vx) if abs(x) > 1 else 0"),
             "reversed",
             "caught_object_1_x",
             id="the reverse of the load that sprang it frees what only a weak spring holds",
+            marks=pytest.mark.extended,
         ),
         pytest.param(
             held_by("m * (1000 * (1.1 * sign(x) - x) - (0.2 + 300 * max(0, 1 - gate_x)) * vx) if gate_vx > 0.5 else 0"),
@@ -132,6 +134,7 @@ def test_a_latch_that_remembers_and_stops_that_are_stiff_enough_hold(files: Pack
             "object_2",
             "caught_object_1_x",
             id="a load on another object unlocks it",
+            marks=pytest.mark.extended,
         ),
     ],
 )
@@ -150,6 +153,7 @@ def test_a_stop_that_gives_way_is_found(author: Author, files: PackFiles) -> Non
     assert any("stops lets go: object_2_x" in reason for reason in checked(files).reasons)
 
 
+@pytest.mark.extended
 def test_a_sealed_object_is_not_pushed(author: Author, files: PackFiles) -> None:
     soft = {"on": "object_2", "force": ["-20 * (x - sign(x)) if abs(x) > 1 else 0", "0", "0"]}
     author.edit(files, lambda pack: pack["laws"].__setitem__(2, soft))
@@ -157,6 +161,7 @@ def test_a_sealed_object_is_not_pushed(author: Author, files: PackFiles) -> None
     assert checked(files).reasons == ()
 
 
+@pytest.mark.extended
 def test_a_fault_of_the_lightest_of_many_draws_is_found(author: Author, files: PackFiles) -> None:
     # The spring is scaled with the mass only down to 0.52 kg; the three first seeds draw heavier carts.
     held = "m * (20000 * (1.1 * sign(x) - x) - 200 * vx) if m > 0.52 else 5 * (1.1 * sign(x) - x) - vx"
@@ -182,6 +187,7 @@ def test_a_catch_that_is_never_sprung_proves_nothing(author: Author, files: Pack
     assert checked(files, 1).reasons == ("no load springs the latch: its condition is never met",)
 
 
+@pytest.mark.extended
 def test_a_load_that_reaches_the_catch_slowly_stays_for_the_whole_laboratory_time(
     author: Author, files: PackFiles
 ) -> None:
@@ -219,6 +225,7 @@ def test_what_cannot_be_proven_is_said(change: Change, sentence: str, author: Au
     assert sentence in checked(files).reasons[0]
 
 
+@pytest.mark.extended
 def test_balls_are_joined_to_what_is_caught_and_dropped_on_it(author: Author, files: PackFiles) -> None:
     pan = MODEL.replace('gravity="0 0 0"', "").replace(
         '<joint name="object_1_joint" type="slide" axis="1 0 0"/>',
@@ -246,6 +253,7 @@ def test_balls_are_joined_to_what_is_caught_and_dropped_on_it(author: Author, fi
     assert any("latch lets go" in reason and "kg" in reason for reason in checked(files).reasons)
 
 
+@pytest.mark.extended
 def test_a_pin_is_taken_out_before_the_loads(author: Author, files: PackFiles) -> None:
     pinned = MODEL.replace("</worldbody>", '<body name="object_3" pos="0 0.2 1"><geom size="0.01"/></body></worldbody>')
     pinned = pinned.replace("</mujoco>", '<equality><weld body1="object_3" body2="object_1"/></equality></mujoco>')

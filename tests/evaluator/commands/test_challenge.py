@@ -379,6 +379,7 @@ def test_the_data_of_a_person_are_deleted_by_one_command(
         challenge.process.communicate(timeout=300)
 
 
+@pytest.mark.extended
 def test_the_time_of_a_person_ends_their_episode(tmp_path: Path, host_url: str) -> None:
     with running(tmp_path, host_url, "--people", "1", "--scenes", "7,8", "--minutes", "1") as challenge:
         person = challenge.person("01")

@@ -334,6 +334,7 @@ def test_a_resumed_run_sets_a_damaged_line_aside_and_plays_its_episode_again(tmp
     assert sorted(_keys(tmp_path / "run")) == [(7, 0), (7, 1), (7, 2)]
 
 
+@pytest.mark.extended
 def test_a_run_that_was_killed_twice_has_the_results_of_an_undisturbed_run(tmp_path: Path, host_url: str) -> None:
     words = ("--server", host_url, "--agent", "random", "--scenes", "7,21", "--seeds", "0-7", "--out", "run")
     random, on_disk = Random(20), 0

@@ -111,6 +111,7 @@ def test_wrong_usage_is_said_in_a_sentence(
     assert errors.count("\n") == 1
 
 
+@pytest.mark.extended
 def test_worlds_of_a_split_are_made_published_selected_and_exported(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -69,6 +69,7 @@ def test_a_run_of_worlds_is_resumed_replayed_filmed_forked_and_reported(
     assert len(RunFolder(tmp_path / "fork").episodes()) == 1
 
 
+@pytest.mark.extended
 def test_shards_of_worlds_are_merged(make: Made, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     worlds, out = make(), tmp_path / "run"
     for shard in ("1/2", "2/2"):
@@ -80,6 +81,7 @@ def test_shards_of_worlds_are_merged(make: Made, tmp_path: Path, capsys: pytest.
     assert "there are no worlds of level 1 here" in capsys.readouterr().err
 
 
+@pytest.mark.extended
 def test_worlds_that_were_made_otherwise_are_refused(
     make: Made, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -89,6 +89,7 @@ def test_a_flat_shape_is_more_certain_with_more_episodes() -> None:
     assert few.certainty < 0.7 < many.certainty
 
 
+@pytest.mark.extended
 def test_a_flat_curve_is_misjudged_in_at_most_5_per_cent_of_runs() -> None:
     """Simulates 150 runs of 60 scenes with equal chances at all budgets."""
     shapes = [curve_of(0.5, 0.5, 0.5, 0.5, scenes=60, seed=seed).shape for seed in range(150)]

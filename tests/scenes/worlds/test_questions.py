@@ -127,7 +127,9 @@ def test_options_have_one_form_of_the_structure_and_none_that_is_alike(apparatus
     assert places == {0, 1, 2, 3}
 
 
-@pytest.mark.parametrize("apparatus", Apparatus)
+@pytest.mark.parametrize(
+    "apparatus", [pytest.param(one, marks=pytest.mark.extended if one.flat else ()) for one in Apparatus]
+)
 def test_each_kind_is_drawn_where_it_means_something(apparatus: Apparatus) -> None:
     difficulty, rng = difficulty_of(5).changed(apparatuses=(apparatus,)), random.Random(6)
     seen = set[str]()

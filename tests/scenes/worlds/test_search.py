@@ -145,6 +145,7 @@ def test_the_further_kinds_of_questions_are_read_from_a_prompt(apparatus: Appara
     assert [replace(one, kind="") for one in read] == [replace(one, kind="") for one in asked]
 
 
+@pytest.mark.extended
 def test_terms_are_found_and_predict() -> None:
     structure = Structure(Apparatus.WHEEL, (Term("dry friction"), Term("shaker", ("timid",))))
     constants, told = draw_constants(structure, random.Random(4)), told_of(structure)
