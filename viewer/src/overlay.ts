@@ -101,7 +101,7 @@ export class Overlay {
       if (!tag) continue;
       tag.hidden = at.z > 1 || Math.abs(at.x) > 1 || Math.abs(at.y) > 1;
       if (tag.hidden) continue;
-      const box = { x: 0, y: 0, width: tag.offsetWidth + 4, height: tag.offsetHeight };
+      const box = { x: 0, y: 0, width: Math.min(tag.offsetWidth + 4, width), height: tag.offsetHeight };
       box.x = Math.min(Math.max(((at.x + 1) / 2) * width, box.width / 2), width - box.width / 2);
       const lower = ((1 - at.y) / 2) * height - (isLong(tag) ? RAISED : 0);
       box.y = Math.min(Math.max(lower, box.height), height);
