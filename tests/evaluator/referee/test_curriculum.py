@@ -16,8 +16,9 @@ from evaluator.referee import curriculum
 from evaluator.referee.contract import Variant, WantedEpisode, WantedWorld
 from evaluator.referee.curriculum import ENOUGH, WIDTH, Curricula, Window, steps_of
 from evaluator.referee.variants import Variants
-from scenes import place_of
+from scenes import default_folder, place_of
 from scenes.splits import splits
+from scenes.worlds.folders import levels_of, worlds_of
 from tests.builders.referee_client import referee_client
 from tests.evaluator.referee.test_referee import GIVE_UP, RECORD, played_by_reference, refereeing, sentence
 
@@ -108,7 +109,9 @@ def test_scenes_are_divided_by_difficulty_and_worlds_by_level() -> None:
         assert (variant.step, variant.split) == (("mine", 0, 0), "")
         levels.add(place_of(variant.scene)[0])
     assert levels == {1}
-    assert [len(step) for step in variants.curricula.state("mine")["steps"]] == [2] * 8  # the public worlds
+    folder = default_folder()
+    published = [len(worlds_of(folder, level)) for level in levels_of(folder)]
+    assert [len(step) for step in variants.curricula.state("mine")["steps"]] == published
 
 
 def drawing() -> Callable[..., Variant]:
