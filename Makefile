@@ -53,7 +53,7 @@ check: $(STAMP) ## check layout (ruff format), rules (ruff check) and types (pyr
 	@$(BIN)/pyright --pythonpath $(BIN)/python
 
 # The packs and logs of the published prototype are hidden, so that the tests and their coverage are the same for everybody.
-test: $(STAMP) ## run the whole test suite, and require full coverage of the core modules, which pyproject.toml names
+test: $(STAMP) ## run the test suite without its `extended` cases, and require full coverage of the core modules, which pyproject.toml names
 	@PHYSMENT_ORIGINAL=/nonexistent OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -n $(WORKERS) --dist worksteal --cov --cov-report=term
 
 bench: $(STAMP) ## measure speed as ratios of two things timed in one run, into bench.json; nothing fails by being slow

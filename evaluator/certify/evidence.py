@@ -19,7 +19,7 @@ import numpy as np
 
 from evaluator.agents.reference import calls_and_readings
 from evaluator.certify.constants import Constants
-from evaluator.certify.information import PRIOR, Information, information
+from evaluator.certify.information import PRIOR, Information, information, slopes
 from evaluator.certify.probing import Array, NotMeasurable, joined, replayed
 from evaluator.certify.subject import Subject
 from evaluator.records.episode import Episode
@@ -89,29 +89,23 @@ def _other(
     """Replay the calls with other discrete values.
 
     The derivatives are computed at these values, because a constant may have an effect only with some of them.
+
+    Raises:
+        NotMeasurable: A constant that is shifted makes a call fail.
     """
-
-    def readings(shifts: dict[str, float]) -> Array | None:
-        try:
-            model = constants.mjcf(shifts, discrete)
-            values = joined(replayed(constants.subject.files, model, episode, slopes=False))
-        except (NotMeasurable, PackError):
-            return None
-        return values if values.shape == told.values.shape else None
-
-    jacobian = np.zeros_like(told.jacobian)
-    base = readings({})
-    if base is None:
-        return Other(name, None, jacobian)
-    for column, constant in enumerate(constants.names):
-        ends = [readings({constant: by}) for by in (_SHIFT, -_SHIFT)]
-        if ends[0] is not None and ends[1] is not None:
-            jacobian[:, column] = (ends[0] - ends[1]) / (2 * _SHIFT)
-    return Other(name, base - told.values, jacobian)
+    missing = Other(name, None, np.zeros_like(told.jacobian))
+    try:
+        reads = replayed(constants.subject.files, constants.mjcf(discrete=discrete), episode, slopes=False)
+    except (NotMeasurable, PackError):
+        return missing
+    values = joined(reads)
+    if values.shape != told.values.shape:
+        return missing
+    ends = [slopes(constants, episode, reads, constant, discrete=discrete) for constant in constants.names]
+    columns = [(above + below) / 2 for above, below in ends]
+    return Other(name, values - told.values, np.column_stack(columns) if columns else missing.jacobian)
 
 
-_SHIFT = 1e-4
-"""Finite-difference step, as a share of a constant's range."""
 _FAR = 1e9
 """Chi-square of a rival whose replay returns results of another form."""
 

@@ -9,7 +9,7 @@ A derivative describes a reading only where the reading is linear. Readings are 
 values, or if they are not linear over the standard error of the answer (Bates and Watts 1980).
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from itertools import groupby
 from operator import attrgetter
 from typing import NamedTuple
@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from evaluator.certify.constants import Constants
 from evaluator.certify.probing import Array, NotMeasurable, Read, Replay, joined, numbers, replayed
 from evaluator.records.episode import Episode
+from scenes import KnobValue
 
 Flags = NDArray[np.bool_]
 
@@ -95,10 +96,10 @@ def information(constants: Constants, episode: Episode) -> Information:
     jacobian = np.zeros((len(sigma), len(constants.names)))
     ignored = np.zeros(len(sigma), dtype=bool)
     for column, name in enumerate(constants.names):
-        above, below = _slopes(constants, episode, reads, name, _SHIFTS[0])
+        above, below = slopes(constants, episode, reads, name)
         rough = _is_rough(above, below, sigma)
         if rough.any():
-            wide = _slopes(constants, episode, reads, name, _SHIFTS[1])
+            wide = slopes(constants, episode, reads, name, _SHIFTS[1])
             settled = rough & ~_is_rough(*wide, sigma)
             above, below = np.where(settled, wide[0], above), np.where(settled, wide[1], below)
             rough = rough & ~settled
@@ -119,14 +120,31 @@ def _linear(constants: Constants, episode: Episode, told: Information) -> Inform
     return Information.of(told.reads, told.jacobian, np.ones_like(told.ignored))
 
 
-def _slopes(
-    constants: Constants, episode: Episode, base: Sequence[Read], name: str, shift: float
+def slopes(
+    constants: Constants,
+    episode: Episode,
+    base: Sequence[Read],
+    name: str,
+    shift: float = _SHIFTS[0],
+    discrete: Mapping[str, KnobValue] | None = None,
 ) -> tuple[Array, Array]:
-    """One-sided derivatives of the readings with respect to a constant, from above and from below."""
+    """Return the one-sided derivatives of the readings with respect to a constant, from above and from below.
+
+    Args:
+        constants: The hidden values.
+        episode: The episode.
+        base: The readings without a shift.
+        name: The constant.
+        shift: Finite-difference step, as a share of the constant's range.
+        discrete: Discrete constant → value to use in place of the sampled one, as in `base`.
+
+    Raises:
+        NotMeasurable: A shifted constant makes a call fail, or changes the form of a reading.
+    """
     middle = joined(base)
     ends: list[Array] = []
     for by in (shift, -shift):
-        reads = replayed(constants.subject.files, constants.mjcf({name: by}), episode, slopes=False)
+        reads = replayed(constants.subject.files, constants.mjcf({name: by}, discrete), episode, slopes=False)
         values = joined(reads)
         if values.shape != middle.shape:
             raise NotMeasurable("the tools return other numbers of readings for neighbouring hidden values")

@@ -29,8 +29,6 @@ EASY_CATEGORIES = {category for category in Category if category.rung is Rung.EA
 EASY = [files.scene_id for files in list_packs() if read_pack(files).category in EASY_CATEGORIES]
 PLAYED = [*EASY[::2], *[scene for scene in SCENES if scene not in EASY and scene < 200][::13]]
 """Scenes that the reference plays in `make test`: every other easy one, and every 13th of the others of the suite."""
-SLOW = (30, 90, 105, 110)
-"""Scenes whose check takes over 3 s of processor time."""
 SEEDS = 4
 
 
@@ -313,10 +311,7 @@ def test_lint_reports_gaps_in_object_numbers(author: Author) -> None:
 
 @pytest.mark.parametrize(
     "scene",
-    [
-        scene if scene % 5 == 0 and scene not in SLOW else pytest.param(scene, marks=pytest.mark.extended)
-        for scene in SCENES
-    ],
+    [scene if scene % 5 == 0 else pytest.param(scene, marks=pytest.mark.extended) for scene in SCENES],
 )
 def test_the_stored_key_is_that_of_theory_and_engine_and_the_scene_is_sane(scene: int) -> None:
     files = find_pack(scene)

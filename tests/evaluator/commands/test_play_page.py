@@ -179,6 +179,22 @@ def test_another_window_is_refused_until_it_takes_over(tmp_path: Path, host_url:
         assert "in 1 of 20 iterations" in played.end()
 
 
+@pytest.mark.skipif(PROGRAM is None, reason="Chromium is not installed")
+def test_a_page_whose_episode_is_open_elsewhere_shows_no_laboratory_until_it_takes_over(
+    tmp_path: Path, host_url: str
+) -> None:
+    assert PROGRAM
+    visible = "document.querySelector('main').checkVisibility()"
+    with playing(tmp_path, host_url) as played, chromium(PROGRAM, tmp_path / "profile", *SOFTWARE_WEBGL) as page:
+        played.state(waiting=True)
+        page.visit(played.address)
+        page.wait("document.getElementById('elsewhere').checkVisibility()")
+        assert not page.run(visible)
+        page.run("document.getElementById('take').click()")
+        page.wait(f"document.getElementById('run')?.disabled === false && {visible}")
+        assert not page.run("document.getElementById('elsewhere').checkVisibility()")
+
+
 def test_nothing_of_the_key_is_sent_before_the_answer_and_another_seed_follows(tmp_path: Path, host_url: str) -> None:
     with playing(tmp_path, host_url) as played:
         first = played.state(waiting=True)
