@@ -32,8 +32,8 @@ TRACED = (
     "tests/evaluator/statistics",
     "tests/physment_mcp",
 )
-"""Start of the paths of tests that run under coverage: those of the modules that pyproject.toml requires to be covered
-completely. The tracer makes all Python code up to twice as slow, so the other tests run without it."""
+"""Prefixes of the paths of tests that run under coverage, because they test modules that pyproject.toml requires to be
+covered completely. The tracer makes all Python code up to twice as slow, so the other tests run without it."""
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:

@@ -44,7 +44,7 @@ def test_a_shown_command_of_the_laboratory_is_accepted(page: str, line: str) -> 
 
 @pytest.mark.parametrize(("page", "line"), shown("physment-eval"))
 def test_a_shown_command_of_the_evaluator_is_accepted(page: str, line: str, tmp_path: Path) -> None:
-    """The command runs beside a `study.toml` with the study that the page shows, if it shows one."""
+    """Parses the command in a folder whose `study.toml` is the study that the page shows, if it shows one."""
     for study in STUDY.findall((ROOT / page).read_text(encoding="utf-8")):
         (tmp_path / "study.toml").write_text(study, encoding="utf-8")
     with contextlib.chdir(tmp_path):

@@ -7,7 +7,8 @@ import sys
 import pytest
 
 ENGINE, MODELS = "mujoco", "mcp_types"
-"""An extension in C, and a module that builds models with pydantic: both replace the exception of a signal."""
+"""An extension in C, and a module that builds models with pydantic. A signal during the import of one of
+them raises an exception, which both replace by another."""
 
 STRUCK = """
 import signal, sys
@@ -108,7 +109,7 @@ def test_ctrl_c_ends_an_episode_on_stdio_that_waits_for_the_next_call() -> None:
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
-        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),  # noqa: PLW1509 - ignored in a background
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),  # noqa: PLW1509 - a background job ignores it
     ) as process:
         assert process.stdin is not None
         assert process.stdout is not None

@@ -16,7 +16,7 @@ from websockets.sync.client import ClientConnection, connect
 
 FLAGS = (
     "--headless",
-    "--no-sandbox",  # CI runs as root, where Chromium starts in no other way
+    "--no-sandbox",  # CI runs as root, and as root Chromium starts only with this flag
     "--disable-gpu",
     "--disable-quic",
     "--disable-dev-shm-usage",

@@ -1,4 +1,4 @@
-"""Runs commands of `physment-eval` in this process, which saves a second of imports each; resets signal handlers."""
+"""Runs commands of `physment-eval` in this process, which saves a second of imports; resets signal handlers."""
 
 import contextlib
 import io
@@ -24,9 +24,9 @@ def physment_eval(*words: str | Path, typed: str = "", cwd: Path | None = None) 
     """Run a command.
 
     Args:
-        words: Its arguments.
+        words: The arguments of the command.
         typed: Text on its standard input, which is not a terminal.
-        cwd: Its working directory; None for that of the tests.
+        cwd: Working directory; None for the working directory of the tests.
     """
     out, err = io.StringIO(), io.StringIO()
     with (
@@ -53,6 +53,6 @@ def _reading(stdin: io.StringIO) -> Generator[None]:
 
 
 def heed_signals() -> None:
-    """Restore the default signal handling in a started program; started by nohup, it would inherit ignored signals."""
+    """Restore the default signal handling in a started program, which would inherit ignored signals from nohup."""
     signal.signal(signal.SIGHUP, signal.SIG_DFL)
     signal.signal(signal.SIGINT, signal.SIG_DFL)

@@ -49,7 +49,7 @@ def key_of(scene: int, turns: Turns, seed: int = 0) -> EpisodeKey:
 
 
 def record_of(run: RunFolder, key: EpisodeKey) -> str:
-    """Return the SHA-256 of an episode's record; its film carries the same hash."""
+    """Return the SHA-256 of an episode's record; its film contains the same hash."""
     return run.line_hashes()[key]
 
 

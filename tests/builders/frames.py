@@ -1,4 +1,4 @@
-"""Sessions whose results carry pictures. Tests that use them are skipped where rendering is unavailable."""
+"""Sessions whose results contain pictures. Tests that use them are skipped where rendering is unavailable."""
 
 import contextlib
 from collections.abc import AsyncGenerator, Iterator
@@ -26,7 +26,7 @@ def open_painter() -> Iterator[Painter]:
 
 @contextlib.asynccontextmanager
 async def watched_scene(painter: Painter) -> AsyncGenerator[Client]:
-    """A client of scene 7 whose results carry pictures."""
+    """A client of scene 7 whose results contain pictures."""
     slot = EpisodeSlot(
         Session(load_scene(7, 0)), watch=lambda session: Frames(session, load_variants(7, None), painter)
     )

@@ -9,4 +9,4 @@ FOREIGN_HOSTS = (
     *("localhost:\xb2", "local\thost", "localhost evil", "localhost,evil", "%6cocalhost"),
     *("localhost/x", "localhost?x", "localhost#x", "//localhost", "http://localhost"),
 )
-"""Host headers that a loopback server must refuse: none is a loopback name, optionally with a port."""
+"""Host headers that a loopback server must refuse: none is a loopback name with or without a port."""

@@ -6,5 +6,5 @@ from physment_mcp.world import loading
 
 def forget_scenes() -> None:
     """Clear the caches of scenes and compiled models. Open episodes are not affected."""
-    scene._SCENES.clear()  # pyright: ignore[reportPrivateUsage] - nothing but a test has a use for this
+    scene._SCENES.clear()  # pyright: ignore[reportPrivateUsage] - only tests need to clear it
     loading.cached_model.cache_clear()

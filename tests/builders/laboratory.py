@@ -117,7 +117,7 @@ class Lab:
 
 
 WritePack = Callable[..., Path]
-"""Writes a pack with its MJCF, and its id unless that is 7; returns the folder of packs."""
+"""Writes a pack with its MJCF, under scene id 7 unless another id is given; returns the folder of packs."""
 Command = Callable[..., list[str]]
 """Returns the command line that starts the server under test with these arguments."""
 OpenLab = Callable[..., AbstractAsyncContextManager[Lab]]

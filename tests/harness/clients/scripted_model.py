@@ -33,7 +33,7 @@ WRONG_CALLS = 3
 _USAGE = {"prompt_tokens": 1, "completion_tokens": 1, "total_tokens": 2}
 _DONE = "The answer is given."
 _WAITING: dict[bytes, tuple[Any, Sequence[Call], int]] = {}
-"""Conversation → its protocol, the calls that it asked for last, and how many results it had before."""
+"""Conversation → its suspended protocol, the last calls that it requested, and the number of results before them."""
 _MOST_WAITING = 1000
 
 
@@ -61,7 +61,7 @@ def next_call(conversation: Conversation) -> Call | None:
     if len(readings) < WRONG_CALLS:
         return WRONG
     readings = readings[WRONG_CALLS:]
-    # A protocol goes on only once, so a second conversation with the same results begins its own.
+    # A protocol that waits here can be continued once, so a second conversation with the same results starts a new one.
     protocol, batch, used = _WAITING.pop(_place(conversation.task, readings[:-1]), (None, (), 0))
     if protocol is None:
         protocol = _solver(conversation.task)(conversation.task)

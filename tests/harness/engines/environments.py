@@ -47,7 +47,7 @@ def environment_of(engine: str, python: str) -> Path:
     locked.write_text(without_engine(LOCK.read_text(encoding="utf-8")), encoding="utf-8")
     pip = (str(interpreter), "-m", "pip", "install", "--quiet", "--disable-pip-version-check")
     _run(*pip, "--no-deps", "--require-hashes", "-r", str(locked))
-    # Without a constraint pip could exchange locked packages for those that the engine would like better.
+    # Without constraints, pip could replace a locked package by another version, to meet a requirement of the engine.
     versions = folder / "constraints.txt"
     versions.write_text(versions_of(locked.read_text(encoding="utf-8")), encoding="utf-8")
     _run(*pip, "-c", str(versions), f"mujoco=={engine}")

@@ -38,7 +38,7 @@ def measured(files: PackFiles, seeds: int) -> dict[str, Any]:
         episode = anyio.run(play_reference, subject, 0, MemoryConnector(files.folder.parent))
         verdict = grade(episode).grade
         found |= {"right": verdict.strict is Verdict.CORRECT, "why": episode.error or verdict.reason}
-    except Exception as error:  # noqa: BLE001 - the pack's code runs on an engine it may never have met
+    except Exception as error:  # noqa: BLE001 - on another engine, the pack's code may fail in any way
         found["why"] = repr(error)
     return found
 

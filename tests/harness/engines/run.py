@@ -28,7 +28,9 @@ from tests.harness.engines.environments import ROOT, CannotInstall, environment_
 NEWEST = ("3.17.0", "4.0.0")
 """The newest 3.x and 4.x releases at the time of the last update of this list."""
 QUARTER = 0.25
-"""Largest difference between the keys of two engines, as a share of the tolerance; as between theory and engine."""
+"""Largest difference between the keys of two engines, as a share of the tolerance.
+
+The certificate allows the same difference between theory and engine."""
 
 Found = Mapping[str, Any]
 """The output of `measuring` for a scene."""

@@ -1,6 +1,6 @@
 """Plays the episode that the README shows, and writes it as a transcript of at most 20 lines.
 
-Its scene, two carts on a track, is a pack beside this file and not one of the suite, so the README discloses nothing.
+Its scene, two carts on a track, is a pack beside this file and not in the suite, so the README discloses no answer.
 """
 
 import subprocess

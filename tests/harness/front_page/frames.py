@@ -11,9 +11,9 @@ from tests.harness.front_page.episode import Played, Story, signed, story
 FRAME_S = 0.075
 """Wall time of a frame in which the carts move [s]."""
 SLOWER = 1.5
-"""Wall time per simulated time."""
+"""Wall time of the film per simulated time, while the carts move."""
 FILM_S = 6.0
-"""Wall time of the film [s]; its last frame lasts as long as is left."""
+"""Wall time of the film [s]; its last frame stays until then."""
 _START_S, _ASKED_S, _READ_S = 0.5, 0.35, 0.6
 """Wall time before the first call, and of the frames after a question and after a reading [s]."""
 

@@ -135,7 +135,7 @@ def _preview(page: Page) -> None:
             page.run("document.querySelector('[name=duration]').value = '1'; document.getElementById('run').click()")
             page.wait("document.getElementById('calls').textContent.includes('sim_time')")
             page.run("document.activeElement.blur()")
-            # The frame has an origin of its own, which cannot be asked whether its motion has ended.
+            # The app is in a frame with another origin, so a script cannot ask whether its motion has ended.
             page.run("new Promise((drawn) => setTimeout(drawn, 4000))")
             found = page.send("Page.captureScreenshot")
             _save(found["data"], "preview", scheme, "The app of the chat in a local page, after a step.")

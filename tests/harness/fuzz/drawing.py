@@ -27,7 +27,7 @@ _DISABLED_WEIGHT = 0.1
 _MISCHIEF = 0.3
 """Share of calls that are made invalid."""
 _FEW, _CROWD = 3, 10
-"""Numbers of created objects above which steps are kept short and very short: crowded steps are slow."""
+"""Numbers of created objects above which steps are short, and very short, because steps with many objects are slow."""
 _NO_TOOLS = ("", "Step", "step ", "get_position\x00", "__class__", "reset", "𝚜𝚝𝚎𝚙", "s" * 65, "create-objects")
 _TEXTS = (
     "", " ", "object_1", "object_01", "OBJECT_1", "object_1 ", "object_1\x00", "1", "01", "-1", "1.0", "٣", "object_٣",
@@ -235,7 +235,7 @@ class _Drawing:
         if kind < 0.7:
             return self.source.choice(_TEXTS)
         if kind < 0.92:
-            return deepcopy(self.source.choice(_OTHERS))  # a later mischief may change it
+            return deepcopy(self.source.choice(_OTHERS))  # because `_spoil_part` may change it in place
         return self.source.choice(
             (_nested(15), _nested(17), _nested(200), [0.0] * 5000, {str(n): n for n in range(50)})
         )

@@ -123,7 +123,7 @@ def _opened(scene: int, seed: int, max_calls: int | None) -> tuple[Session, Priv
 
 def _differs(session: Session, seed: int, changed: Sequence[Call]) -> Problem | None:
     """Replay only the state-changing calls of an episode, and return a problem if the final state differs."""
-    # Compiled anew: a change of what episodes share would show in both.
+    # The twin compiles its scene anew, because both sessions would see a change to a shared model.
     forget_scenes()
     twin, private = _opened(session.scene.public.scene_id, seed, None)
     for call in changed:
@@ -134,7 +134,7 @@ def _differs(session: Session, seed: int, changed: Sequence[Call]) -> Problem | 
         return Problem("twin", "without readings and refusals the state is another")
     if model_bytes(ours.model) != model_bytes(theirs.model) or ours.spec.to_xml() != theirs.spec.to_xml():
         return Problem("twin", "without readings and refusals the model is another")
-    # Places 7 and 8 and the last are addresses; the rest of the session must be equal.
+    # The first six fields are those of the session; later ones contain addresses, which always differ.
     if fingerprint(session)[:6] != fingerprint(twin)[:6]:
         return Problem("twin", "without readings and refusals the session is another")
     return None

@@ -49,7 +49,7 @@ class Played:
 
 def play_call(session: Session, private: Private, call: Call) -> Played:
     """Make a call and check every invariant."""
-    saved = session.world.save()  # held, so that no address of what it refers to is used again meanwhile
+    saved = session.world.save()  # kept alive: a freed object and a new one could have the same address
     before, counted, objects = fingerprint(session, saved), session.calls, dict(session.state.objects)
     was_over, clock = session.ended, session.world.time
     try:
@@ -61,7 +61,7 @@ def play_call(session: Session, private: Private, call: Call) -> Played:
         created += [str(call.arguments["name"])] if call.tool == "create_objects" and "name" in call.arguments else []
         problem = _of_refusal(text, call, created, over=was_over, told_over=isinstance(refusal, EpisodeOver))
         unchanged, refused = True, True
-    except Exception as crash:  # noqa: BLE001 - any other exception is what is looked for
+    except Exception as crash:  # noqa: BLE001 - the fuzzer looks for any other exception
         return Played(Problem("crash", f"{type(crash).__name__}: {crash}"), refused=True)
     else:
         told = result.model_dump(mode="json", warnings=False)

@@ -23,7 +23,7 @@ def test_frames_are_of_every_kind() -> None:
     source = random.Random(1)
     drawn = [draw_frame(source) for _ in range(2000)]
     faults = [fault_of(frame) for frame in drawn]
-    # Many are refused as no JSON and as no message, and many go on to the library.
+    # Some frames are refused because they are not JSON or not a message; the others are passed to the library.
     assert {fault.code for fault in faults if fault} == {-32700, -32600}
     assert 300 < faults.count(None) < 1700
     for needed in (b"NaN", b"1e400", b"\xff", b"[{", b"notifications/", b"\\ud800"):

@@ -25,7 +25,7 @@ def mounted(folder: Path) -> Generator[None]:
     try:
         yield
     finally:
-        # Lazily, because a process that was killed may still be ending in it.
+        # Lazily, because a killed process may still have files open in the folder while it ends.
         subprocess.run(["umount", "--lazy", str(folder)], check=True)
 
 

@@ -26,9 +26,10 @@ _LONGEST_S = 300.0
 _LAST_S = 15.0
 """Time for the child processes of a run to end after it [s]."""
 _TRIES = 4
-"""Largest number of starts until a run must be complete."""
+"""Number of starts after which a disturbed run must be complete."""
 _HEEDING = "import signal; signal.signal(signal.SIGINT, signal.SIG_DFL); from evaluator.__main__ import entry; entry()"
-"""Starts the program with Ctrl-C ignored until Python has initialised, because Python would print a traceback."""
+"""Code that restores Ctrl-C and starts the program. Until then the process ignores Ctrl-C, because Python would print a
+traceback if it came while Python initialises."""
 _NOTE = re.compile(r"physment-eval: .*, line \d+ was damaged ")
 
 

@@ -108,7 +108,7 @@ def _torn_line(run: Struck) -> int:
     code = _signalled(signal.SIGKILL)(run)
     if run.records.exists() and (lines := run.records.read_bytes().splitlines(keepends=True)):
         with run.records.open("r+b") as stream:
-            # One byte stays: a sealed line that is gone as a whole is no fault but an edit, which is refused.
+            # One byte stays: a sealed line that is missing as a whole counts as an edit, and the run is refused.
             stream.truncate(run.records.stat().st_size - run.chance.randrange(1, len(lines[-1])))
     return code
 
@@ -132,7 +132,7 @@ def _read_only(run: Struck) -> int:
             file.chmod(0o444)
         folder.chmod(0o555)
 
-    # The superuser may write anyway, unless the process gives this privilege up.
+    # The superuser can write despite these permissions, unless the process drops that capability.
     libc = ctypes.CDLL(None)
     code, _ = run.strike(lock, lambda: libc.prctl(_DROP_CAPABILITY, _IGNORE_PERMISSIONS, 0, 0, 0))
     folder.chmod(0o755)

@@ -1,8 +1,9 @@
 """Measures how much one hostile client slows honest clients, for each kind of attack.
 
 A host serves honest clients, each with its own episode and at a typical pace. Time windows without and with one
-attacker alternate. The ratio compares the medians of the slowest calls of both kinds of windows. A ratio above the aim
-is marked but is not a failure, because other processes disturb the measurement. A failed honest call is a failure.
+attacker alternate. The slowest call of each window is taken; the ratio is the median of these over windows with the
+attacker, divided by the median over windows without. A ratio above the aim is marked but is not a failure, because
+other processes disturb the measurement. A failed honest call is a failure.
 
 python -m tests.harness.load.hostile [--kinds WORD,…] [--clients N] [--repeats N] [--window S]
 """

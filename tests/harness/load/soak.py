@@ -61,7 +61,7 @@ class Soaked:
     attacks: list[str] = field(default_factory=list[str])
     """The attack of each sample."""
     problems: list[str] = field(default_factory=list[str])
-    """Honest calls that failed, attackers that died, errors in the log, what was not closed."""
+    """Honest calls that failed, attackers that died, errors in the log, connections and episodes that stayed open."""
 
     def rises(self) -> dict[str, float]:
         """Return, for each measured quantity of the host, its rise after the warm-up as a share of its mean."""

@@ -16,7 +16,8 @@ pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="processes are f
 
 SEEDS = 1
 KINDS = ("SIGTERM", "torn last line")
-"""Faults that `make test` injects; SIGKILL precedes a torn line. Each night `tests.harness.load.faults` injects all."""
+"""Faults that `make test` injects; before the last line is torn, SIGKILL ends the run. Each night
+`tests.harness.load.faults` injects all faults."""
 FURTHER = ("server killed", "worker killed", "full disk", "garbage line")
 
 

@@ -1,4 +1,4 @@
-"""Scene 905: let the red cart hit the blue one, and find its mass from the momentum that it takes over."""
+"""Scene 905: let the red cart hit the blue one, and find its mass from the momentum that it receives."""
 
 from scenes.protocol import answer, call
 
@@ -30,7 +30,7 @@ def theory(knobs):
 
 
 def measure(engine, knobs):
-    """From the momentum that the red cart has lost in the engine."""
+    """Compute the mass from the momentum that the red cart loses in the engine."""
     engine.set_velocity("object_1", [1.5, 0.0, 0.0])
     engine.step(engine.whole_steps(PUSH_S + RUN_S))
     return float(RED_KG * (1.5 - engine.twist("object_1").linear[0]) / engine.twist("object_2").linear[0])
