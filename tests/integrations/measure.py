@@ -100,7 +100,7 @@ def measured(name: str, pairs: Pairs) -> Cost:
     before = resource.getrusage(resource.RUSAGE_CHILDREN)
     with (
         tempfile.TemporaryDirectory() as scratch,
-        # Proofs of the seeds would be measured, too.
+        # Without this option, the proofs of the seeds would be measured, too.
         standing(name.removesuffix(ALONE), Path(scratch), "--unproved") as stand,
         sampled(stand.referee) as peak,
     ):

@@ -56,12 +56,12 @@ class Host:
         self._process: subprocess.Popen[bytes] | None = None
 
     def start(self) -> None:
-        """Start it, and wait until it replies."""
+        """Start the host, and wait until it replies."""
         self._process = subprocess.Popen([*LABORATORY, "serve", "--port", str(self.port)], stdout=subprocess.DEVNULL)
         wait_for(f"{self.url}/healthz")
 
     def kill(self) -> None:
-        """Kill it without any notice, once."""
+        """Kill the host without notice, if it runs."""
         if self._process is not None:
             self._process.kill()
             self._process.wait()
@@ -98,7 +98,7 @@ def wait_for(url: str) -> None:
 
 @contextlib.contextmanager
 def running(stand: Stand, log: str, program: str, *words: object) -> Generator[subprocess.Popen[bytes]]:
-    """Run a program of the environment of Atropos, and stop it at the end."""
+    """Run a program of the Atropos environment, and stop it at the end."""
     command = [str(stand.programs / program), *map(str, words)]
     with (
         (stand.scratch / log).open("wb") as file,
@@ -138,7 +138,7 @@ def test_a_group_whose_host_fails_is_played_again_and_a_trainer_gets_every_group
                 trainer = {"wandb_group": "", "wandb_project": "", "checkpoint_dir": "", "save_checkpoint_interval": 0}
                 trainer |= {"batch_size": EPISODES, "max_token_len": 10**6, "starting_step": 0, "num_steps": GROUPS}
                 httpx.post(f"{api}/register", json=trainer).raise_for_status()
-                httpx.get(f"{api}/batch").raise_for_status()  # Atropos lets environments register after it
+                httpx.get(f"{api}/batch").raise_for_status()  # only then may environments register
                 with running(stand, "serve.log", "python", "physment_atropos.py", "serve", *words) as serve:
                     while serve.poll() is None and not killing.killed.wait(1):
                         pass
@@ -151,12 +151,12 @@ def test_a_group_whose_host_fails_is_played_again_and_a_trainer_gets_every_group
         host.kill()
     log = (tmp_path / "serve.log").read_text(encoding="utf-8")
     assert [group["scores"] for group in groups] == [[1.0] * EPISODES] * GROUPS, log[-3000:]
-    # The first line tells how the host failed, each further one that it was not yet back.
+    # The first line says how the host failed, each further one that it was not running again yet.
     first, *others = [line for line in log.splitlines() if "is played again later" in line]
     assert "the host at" in first
     assert all("'random_seed': 1" in line for line in (first, *others))
     assert "Traceback" not in log
-    # One worker plays one group at a time, so the episodes of the failed one are closed and unrewarded.
+    # One worker plays one group at a time. The episodes of the failed group were closed without a reward.
     assert left <= EPISODES
     rewarded = [(key.scene, key.seed) for key in episodes]
     assert all(rewarded.count(variant) <= EPISODES for variant in rewarded)

@@ -105,7 +105,7 @@ def test_a_harness_of_openenv_plays_sessions_with_the_same_episode_and_grade_as_
 
 
 def test_the_seed_of_a_group_draws_the_variant_of_a_session(served: Served) -> None:
-    """The sessions get no tasks, because rows of `AsyncGRPOTrainer` contain only prompts."""
+    """The sessions get seeds instead of tasks, because rows of `AsyncGRPOTrainer` contain only prompts."""
     stand = served.stand
     before = len(stand.folder.episodes())
     done = stand.run("python", SESSION, stand.model, 1, '{"split": "train", "budget": 1}', "3", "3", "4")

@@ -51,7 +51,7 @@ def test_no_constant_is_drawn_outside_of_its_range() -> None:
 
 
 def test_constants_of_which_the_readings_tell_the_sum_are_drawn_with_this_sum() -> None:
-    # One of them is 0 at best; to move draws with a negative value to 0 would change the sum.
+    # The best value of one constant is 0, its lower bound. Raising negative draws to 0 would change the sum.
     fit = member(lambda p: (p.sum() - 2) * PLACES / SIGMA, lambda p: float(p.sum()), [2.0, 0.0], [(0.0, 9.0)] * 2)
     answers = np.array(fit.plausible(100), dtype=float)
     assert np.abs(answers - 2).max() < 0.1

@@ -12,7 +12,7 @@ TRUE = LocalLaw(1 / MASS, drag=0.6, turn=-0.9, other=(0.3, -0.2))
 
 
 def _pushed(law: LocalLaw, forces: Array, spring: float = 0.0, duration: float = 0.4) -> Course:
-    """Return the course of a puck at rest at first, drawn to the origin in proportion to the distance."""
+    """Return the course of a puck that starts at rest, under these forces and those of a spring to the origin."""
     state, readings = np.zeros((4, 1)), list[Array]()
     for force in forces:
         near = LocalLaw(law.lightness, 0.0, law.drag, law.turn, tuple(np.array(law.other) - spring * state[:2, 0]))

@@ -16,7 +16,7 @@ def pair(held: int) -> Pair:
 
 def test_a_viscous_joint_and_linear_drags_have_the_steady_state_of_the_textbook() -> None:
     other, force = pair(0).steady("oil, linear", KNOBS, SPEED)
-    # p (n v - u) = r u, and the force carries the drag of the first body and what the joint takes, times the gear.
+    # For the second body, p (n v - u) = r u. The force balances the drag c v of the first body and n p (n v - u).
     assert other == pytest.approx(1.2 * 1.5 * SPEED / (1.2 + 0.6))
     assert force == pytest.approx(2.0 * (0.4 * SPEED + 1.5 * 1.2 * (1.5 * SPEED - other)))
 
@@ -37,7 +37,7 @@ def test_at_a_steady_state_nothing_accelerates(joint: str, drag: str, held: int)
 def test_a_joint_passes_on_no_momentum_of_its_own(joint: str) -> None:
     free = KNOBS | {"c": 0.0, "r": 0.0}
     _, _, first, second = pair(0).rates(f"{joint}, linear", free, 0.0, np.array([0.0, 0.0, 2.0, 0.5]), np.zeros(2))
-    # Behind a gear n, what the second body gains costs the first one n times as much.
+    # The joint acts on the first body n times as strongly as on the second, whose mass is b times as large.
     assert first == pytest.approx(-KNOBS["n"] * KNOBS["b"] * second)
     assert second > 0
 

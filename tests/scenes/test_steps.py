@@ -99,7 +99,7 @@ def test_errors_of_places_weigh_by_the_slope_and_negative_strengths_are_refused(
 
 def test_the_best_of_several_starts_is_followed_to_its_end() -> None:
     def misfits(at: Array) -> Array:
-        return np.array([np.cos(3 * at[0]) + at[0] / 4, 0.1])  # several valleys; the deepest of them is at 1.05
+        return np.array([np.cos(3 * at[0]) + at[0] / 4, 0.1])  # several minima, where the first misfit is 0
 
     cost, best = fitted_from(misfits, ([-1.5], [0.8], [2.9]), ([-2.0], [3.0]), [1.0])
     alone = fitted_from(misfits, ([2.9],), ([-2.0], [3.0]), [1.0])[0]

@@ -43,6 +43,6 @@ def test_every_tool_and_argument_has_plain_words() -> None:
     )
     assert tools == {*(tool.name for tool in TOOLS), "answer"}
     taken = {argument for tool in TOOLS for argument in tool.arguments.model_fields}
-    # The words of these are the names.
+    # These arguments are shown under their own names.
     assert taken - arguments <= {"name", "joint", "axis", "answer", "steps"}
     assert arguments <= taken

@@ -14,13 +14,13 @@ TEMPLATE = """\
 [assistant] {% elif message.tool_calls %}{{ message.tool_calls[0].function | tojson }}
 {% else %}{{ message.content }}
 {% endif %}{% endfor %}"""
-"""The mark of a reply belongs to the message before it, so the start of a reply adds nothing to a prompt."""
+"""The mark `[assistant]` is part of the message before a reply, so the prompt needs no text that starts the reply."""
 
 
 def main(folder: str) -> None:
     """Write the tokenizer."""
     marks = sorted(pre_tokenizers.ByteLevel.alphabet())
-    # The alphabet stands for the bytes: printable characters of Latin 1 for themselves, others from U+0100 on.
+    # Each byte has a character: printable ones of Latin 1 are the same, the other bytes get characters from U+0100 on.
     plain = [*range(33, 127), *range(161, 173), *range(174, 256)]
     byte_of = {chr(byte): byte for byte in plain}
     byte_of |= {chr(256 + place): byte for place, byte in enumerate(sorted(set(range(256)) - set(plain)))}

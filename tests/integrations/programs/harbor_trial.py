@@ -2,9 +2,9 @@
 
 harbor_trial.py FOLDER PLACES TASK AGENT...    prints a line of JSON for each agent: oracle, nop, or forger
 
-A container is a folder with its own namespaces: mounts, and a network that a task's containers share and the verifier's
-lacks. Its files are those that its Dockerfile copies, and the folders of PLACES (JSON: `folders`, `path`,
-`python_path`), which replace the image. Harbor itself runs the agent, collects the log and runs the verifier.
+A container is a folder with its own mount namespace. The containers of a task share a network; the verifier has none. A
+container has the files that its Dockerfile copies; the folders of PLACES (JSON: `folders`, `path`, `python_path`)
+replace the image. Harbor itself runs the agent, collects the log and runs the verifier.
 """
 
 import asyncio

@@ -2,10 +2,10 @@
 
 trl_step.py MODEL BACKEND GENERATIONS BUDGET ROW...    prints a line of JSON; a row of the dataset is JSON, too
 
-MODEL is a GGUF file, whose weights transformers dequantises, or stands for a tiny model with random weights. With
-`random` the tiny model samples its replies. If MODEL is an address, the server there supplies the replies of the first
-half of each group, and the second half answers 0 in its first reply. TRL does everything else: prompts, parsing, tool
-calls, rewards, advantages, and the step of the optimiser.
+MODEL is a GGUF file, whose weights transformers dequantises, or `random`, or an address. With the last two, the model
+is tiny and has random weights. With `random` it samples its replies. With an address, the server there supplies the
+replies of the first half of each group, and the second half answers 0 in its first reply. TRL does everything else:
+prompts, parsing, tool calls, rewards, advantages, and the step of the optimiser.
 """
 
 import json

@@ -90,7 +90,7 @@ def test_the_bundle_brings_the_dependencies_of_its_own_code(unpacked: Path) -> N
     brought = {
         requirement.split("=")[0].split("<")[0].split(">")[0] for requirement in project["project"]["dependencies"]
     }
-    brought |= {"httpx2", "mcp_types", "pydantic_core", "starlette", "uvicorn"}  # by mcp and pydantic
+    brought |= {"httpx2", "mcp_types", "pydantic_core", "starlette", "uvicorn"}  # brought by mcp and pydantic
     brought |= {"PIL"} & {"PIL" if name == "pillow" else name for name in brought}
     own = {"physment_mcp", "scenes"}
     imported: set[str] = set()

@@ -18,7 +18,7 @@ CLIENTS = {"claude-desktop": "mcpServers", "claude-code": "mcpServers", "vscode"
 def configured(capsys: pytest.CaptureFixture[str], *words: str) -> dict[str, Any]:
     assert main(["config", *words]) == 0
     out, err = capsys.readouterr()
-    assert err.count("\n") == 1  # where to put it
+    assert err.count("\n") == 1  # it says where to put the configuration
     written = json.loads(out)
     (servers,) = written.values()
     assert list(servers) == ["physment"]

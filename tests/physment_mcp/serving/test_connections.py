@@ -115,7 +115,7 @@ def test_a_second_request_on_a_connection_is_timed_too() -> None:
         kept = dial()
         kept.sendall(b"GET / HTTP/1.1\r\nHost: x\r\n\r\n")
         received = b""
-        while b"0 bytes" not in received:  # it may come in pieces
+        while b"0 bytes" not in received:  # the response may arrive in pieces
             received += kept.recv(4096)
         kept.sendall(b"GET / HT")
         assert reply(kept) == b""
@@ -158,7 +158,7 @@ def test_requests_sent_ahead_are_answered_in_order_and_few_of_them_are_parsed_be
         told = reply(eager)
     assert [int(size) for size in re.findall(rb"\r\n(\d+) bytes", told)] == [*range(many), 0]
     assert len(waiting) == many + 1
-    assert max(waiting) <= 2048 // 40  # no more than one read brings, at 40 bytes a request
+    assert max(waiting) <= 2048 // 40  # requests of 40 bytes in a read of 2048 bytes
 
 
 def test_a_broken_off_upload_is_one_line_in_the_log(caplog: pytest.LogCaptureFixture) -> None:
@@ -258,7 +258,7 @@ async def test_many_requests_outside_episodes_let_those_of_an_episode_pass() -> 
         for number in range(100):
             tasks.start_soon(ask, f"/outside/{number}")
         tasks.start_soon(ask, "/episode")
-    # They are let in in their order, and what reaches an episode overtakes all that wait.
+    # Requests outside episodes are admitted in their order; a request to an episode overtakes those that wait.
     assert served.index("/episode") <= 1
     assert [path for path in served if path != "/episode"] == [f"/outside/{number}" for number in range(100)]
 

@@ -202,7 +202,7 @@ async def test_closing_the_host_closes_its_episodes(inside: OpenHost) -> None:
         async with inside() as (host, http):
             urls = [(await http.post("/episodes", json={"scene": 7})).json()["mcp_url"] for _ in range(3)]
             assert [(await http.post(url, json=HELLO, headers=ACCEPT)).status_code for url in urls] == [200] * 3
-    # The application is still there, its episodes are not: none of them serves another request.
+    # The application still exists, but its episodes are closed: none of them serves another request.
     async with httpx.AsyncClient(transport=httpx.ASGITransport(host.app()), base_url=BASE) as late:
         for url in urls:
             with pytest.raises(RuntimeError, match="not initialized"):
@@ -259,8 +259,8 @@ async def test_an_episode_that_is_closed_frees_its_memory_without_the_garbage_co
         gc.disable()
         try:
             assert (await http.delete(f"/episodes/{opened['episode_id']}")).status_code == 204
-            with anyio.fail_after(60):  # the thread that opened the episode may still be letting go of it
-                while world() is not None:  # noqa: ASYNC110 - nothing tells when
+            with anyio.fail_after(60):  # the thread that opened the episode may still refer to it
+                while world() is not None:  # noqa: ASYNC110 - no event tells when
                     await anyio.sleep(0.01)
         finally:
             gc.enable()

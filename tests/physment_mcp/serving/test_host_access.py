@@ -75,7 +75,7 @@ async def test_a_host_with_a_token_opens_episodes_only_with_it(inside: OpenHost,
         opened = await open_episode(http)
         assert "ours" not in str(opened)
         assert (await http.get("/healthz")).status_code == 200  # balancers have no token
-        for headers in STRANGERS if exposed else STRANGERS[1:]:  # here the URL alone is enough
+        for headers in STRANGERS if exposed else STRANGERS[1:]:  # unless exposed, the URL alone is enough
             assert (await http.delete(f"/episodes/{opened['episode_id']}", headers=headers)).status_code == 401
         assert (await http.delete(f"/episodes/{opened['episode_id']}", headers=OURS)).status_code == 204
 
@@ -129,7 +129,7 @@ async def test_an_episode_that_is_gone_says_how_to_open_one(inside: OpenHost, mo
         if not known:
             await close()
         async with playing(http, url, mode) as client:
-            if known:  # it goes while a client is connected
+            if known:  # the episode is closed while a client is connected
                 assert not (await client.call_tool("step", {"duration": 0.1})).is_error
                 await close()
             for tool, arguments in (("step", {"duration": 0.1}), ("answer", {"answer": 1}), ("fly", {})):

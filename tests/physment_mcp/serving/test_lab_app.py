@@ -111,7 +111,7 @@ async def test_looking_is_no_call_and_is_not_logged(slot: OpenSlot) -> None:
 
 async def test_a_view_that_cannot_be_made_hides_no_result(slot: OpenSlot, tmp_path: Any) -> None:
     blind = slot()
-    blind._find_visibility = cached_visibility(tmp_path)  # where no variants are
+    blind._find_visibility = cached_visibility(tmp_path)  # a folder without variants
     async with app_client(build_server(blind)) as client:
         result = await client.call_tool("step", {"duration": 0.1})
         assert not result.is_error

@@ -64,12 +64,12 @@ async def test_a_long_call_lets_the_next_request_in_and_that_one_has_the_turn() 
                 await anyio.wait_all_tasks_blocked()
                 assert order == []
                 give_way = turns.giving_way()
-                for _ in range(3):  # it lets one request in, however long it takes
+                for _ in range(3):  # it admits one request, however long that takes
                     await give_way()
                     await anyio.wait_all_tasks_blocked()
                 assert order == ["second begins"]
             await anyio.wait_all_tasks_blocked()
-            assert order == ["second begins"]  # the end of the long call has let nobody else in
+            assert order == ["second begins"]  # the end of the long call admits no other request
             second.set()
             await anyio.wait_all_tasks_blocked()
             assert order == ["second begins", "second ends", "third begins"]
@@ -129,7 +129,7 @@ async def test_a_long_call_waits_for_the_requests_of_others_and_then_works_in_br
         async with long.turn(), anyio.create_task_group() as tasks:
             waits = long.giving_way(at_most=1e9)
             await give_way()
-            assert resumed == [None]  # alone, so nothing changes
+            assert resumed == [None]  # no other episode has a request
             done = await tasks.start(serving, other)
             tasks.start_soon(give_way)
             await anyio.wait_all_tasks_blocked()

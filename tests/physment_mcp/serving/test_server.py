@@ -209,7 +209,7 @@ async def test_the_measurements_are_what_the_agent_has_seen(open_lab: OpenLab) -
         await lab.refused("step", duration=1)
         after = await notes_of(lab.client)
         assert [noted["tool"] for noted in after["calls"]] == ["step", "get_velocity", "answer"]
-        assert lab.session.calls == 3  # reading costs none
+        assert lab.session.calls == 3  # reading the notes is not a call
 
 
 async def test_a_cancelled_call_is_recorded_as_cancelled(open_lab: OpenLab) -> None:
@@ -313,7 +313,7 @@ async def test_clients_may_cache_only_what_never_changes(open_lab: OpenLab, idle
             assert read.cache_scope == "private"
             hints[name] = read.ttl_ms > 0
         assert hints == {"scene": True, "scenes": True, "episode": False, "measurements": False}
-    async with Client(build_server(idle)) as client:  # opens another scene at any time
+    async with Client(build_server(idle)) as client:  # it may open another scene at any time
         for name in ("scene", "episode", "measurements"):
             assert (await client.read_resource(f"physment://{name}")).ttl_ms == 0
 

@@ -25,7 +25,7 @@ REQUEST = b'{"scene": 7}\n'
 
 
 class Line:
-    """The test's end of a socket whose other end the host has."""
+    """The test's end of a socket; the host has the other end."""
 
     def __init__(self, control: socket.socket) -> None:
         self.socket, theirs = socket.socketpair()

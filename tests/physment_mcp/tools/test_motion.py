@@ -207,7 +207,7 @@ async def test_a_free_brick_keeps_its_angular_momentum_and_energy_while_it_tumbl
         assert np.linalg.norm(after) == pytest.approx(np.linalg.norm(momentum), rel=1e-8)
         assert await lab.number("get_rotational_energy", 1, mass=6) == pytest.approx(energy, rel=1e-8)
         drifts.append(np.linalg.norm(after - momentum) / np.linalg.norm(momentum))
-    # The engine turns orientations by one mean spin a step, which is of second order: the direction drifts as Δt².
+    # The engine turns orientations by one mean spin per step, which is accurate to second order: the drift is ~ Δt².
     assert drifts[0] < (4 * 2e-3) ** 2
     assert drifts[0] / drifts[1] == pytest.approx(4, rel=0.02)
 

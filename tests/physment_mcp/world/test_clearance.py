@@ -94,9 +94,7 @@ def test_bisecting_the_radius_of_a_refused_ball_finds_a_place_no_finer_than_it_i
 def test_what_no_instrument_reads_is_found_no_finer_than_a_tenth_of_a_millimetre(
     bodies: Callable[[float], str], centre: tuple[float, float, float]
 ) -> None:
-    """The scene has no instruments; of 3 shifts by 0.03 mm, only those across a multiple of the step are
-    distinguished.
-    """
+    """The scene has no instruments: 41 shifts over a range of 0.4 mm give at most 6 different radii."""
     middle = largest_radius(World(model(bodies(0.0))), centre)
     radii = [
         largest_radius(World(model(bodies(cells * FLOOR))), centre, middle - 20 * FLOOR, middle + 20 * FLOOR)

@@ -73,7 +73,7 @@ def test_a_body_without_mass_is_where_its_frame_is() -> None:
 
 
 def test_an_inverse_square_attraction_makes_keplers_ellipse() -> None:
-    """Released with v² = 0.6 GM/r, so the half axis is r/1.4 and the period 2π sqrt(a³/GM)."""
+    """Released with v² = 0.6 GM/r, so the semi-major axis a is r/1.4 and the period 2π sqrt(a³/GM)."""
     pull = {
         "on": "puck",
         "constants": {"k": 2.0},  # on a mass of 2 kg: GM = 1 m³/s²
@@ -91,7 +91,7 @@ def test_an_inverse_square_attraction_makes_keplers_ellipse() -> None:
     assert energy() == pytest.approx(-1 / (2 * half_axis), rel=1e-8)
     assert world.centre("puck")[0] == pytest.approx(-(2 * half_axis - 1), rel=1e-5)
     world.step(round(period / 0.001) - round(period / 2 / 0.001))
-    # The period is no whole number of steps: half a step at the speed of sqrt(0.6).
+    # The period is not a whole number of steps: the body is up to half a step, at the speed sqrt(0.6), from the start.
     assert world.centre("puck")[:2] == pytest.approx([1, 0], abs=0.0005)
     assert energy() == pytest.approx(-1 / (2 * half_axis), rel=1e-8)
 
@@ -302,7 +302,7 @@ def test_laws_of_one_body_add_up_as_one_law_does(damping: str) -> None:
         assert a.tobytes() == b.tobytes() if not damping else a == pytest.approx(b, rel=1e-12)
 
 
-# Laws that a draw leaves out
+# Laws that a seed switches off
 
 
 def test_a_law_with_factor_0_does_nothing_whatever_it_acts_on() -> None:
@@ -417,7 +417,7 @@ try:
 except Unstable:
     print(f"refused at {world.time}")
 """
-"""A model with a law whose memory is too small for its contacts: the engine ends such a step with an error."""
+"""A model with a law, and with too little memory for its contacts: the engine ends such a step with an error."""
 
 
 def test_an_error_of_the_engine_in_a_step_with_laws_is_a_refusal_and_not_the_end_of_the_process() -> None:

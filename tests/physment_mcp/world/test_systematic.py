@@ -1,4 +1,4 @@
-"""Tests of systematic errors: readings of positions have them if the prompt admits it; other scenes are unchanged."""
+"""Tests of systematic errors: readings of positions contain them if the prompt says so; other scenes are unchanged."""
 
 import json
 import math
@@ -134,7 +134,7 @@ def test_instruments_without_errors_are_written_as_before() -> None:
 
 
 def test_readings_of_other_scenes_are_bit_for_bit_as_before() -> None:
-    """Readings with noise, from before instruments had systematic errors."""
+    """The expected readings contain noise. They were recorded before instruments had systematic errors."""
     episode = physment_mcp.open_episode(201, 0)
     episode.call("step", duration=0.45)
     assert episode.call("get_position", object_id="object_1")["position"] == [-0.005, -0.001, 0.049]

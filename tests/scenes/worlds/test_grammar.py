@@ -70,7 +70,7 @@ def test_a_modulation_acts_in_the_engine_as_in_numpy(part: Modulation) -> None:
     form = next(form for form in forms_of(apparatus) if form.group in part.fits)
     plain, modulated = with_brake(form), with_brake(form, (part.name,))
     assert course_gap(record_of(modulated)) < 0.01
-    # It changes the motion.
+    # The modulation changes the motion.
     one, other = record_of(plain, seed=3), record_of(modulated, seed=3)
     courses = [simulated(r.structure, r.constants, r.told, None).readings for r in (one, other)]
     assert np.abs(courses[0] - courses[1]).max() > 0.01

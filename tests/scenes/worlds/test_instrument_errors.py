@@ -114,7 +114,7 @@ def test_legs_of_the_true_law_leave_the_noise(structure: Structure) -> None:
     assert abs(float(misfits @ misfits) - course.count) / np.sqrt(2 * course.count) < 4
     true = course.readings - record.told.errors_at(record.constants, np.cumsum(course.durations))
     off = np.abs(legs.path[1:] - true) / record.told.sigma
-    assert float(np.sqrt((off**2).mean())) < 4  # the readings are off by more than 100
+    assert float(np.sqrt((off**2).mean())) < 4  # the readings themselves deviate by more than 100
 
 
 @pytest.mark.parametrize("structure", STRUCTURES.values(), ids=STRUCTURES)
@@ -173,7 +173,7 @@ def test_an_accepted_world_is_proved_and_needs_the_error_in_the_fit(made: Made, 
 
 def test_unknown_errors_raise_the_bounds_of_the_answers(made: Made) -> None:
     record = made.record
-    known = replace(record.told, bias=1e-9, drift=1e-9)  # the same readings, with errors that the fit need not find
+    known = replace(record.told, bias=1e-9, drift=1e-9)  # within these limits, the fit has no errors to find
     at = [bounds_of(record.structure, record.constants, told, record.questions) for told in (known, record.told)]
     assert all(less <= more for less, more in zip(*at, strict=True))
     assert max(at[1]) > max(at[0])

@@ -72,7 +72,7 @@ def test_a_crossing_is_found_where_there_is_exactly_one() -> None:
     grid = np.repeat(np.linspace(0, 3, 7)[:, None], 3, axis=1) + 0.01
     found = crossing(beyond, grid, beyond(grid), 1e-12)
     assert found[0] == pytest.approx(5 ** (1 / 3), abs=1e-9)
-    assert np.isnan(found[1:]).all()  # it changes its sign twice, and it falls
+    assert np.isnan(found[1:]).all()  # the second function changes its sign twice, the third falls
 
 
 @pytest.mark.parametrize("clock", [0.0, 12.0])
@@ -121,7 +121,7 @@ def test_options_have_one_form_of_the_structure_and_none_that_is_alike(apparatus
         assert {form.name for form in forms_of(apparatus)}.issuperset(options)
         assert not ("linear drag" in there and "saturating drag" in options)
         free = [form.name for form in forms_of(apparatus) if form.group == FORMS[asked].group and form.name != asked]
-        if not there.intersection(free) and len(free) > 3:  # so the group alone does not tell
+        if not there.intersection(free) and len(free) > 3:  # so that the group alone does not reveal the option
             assert sum(FORMS[name].group == FORMS[asked].group for name in options) >= 2
         places.add(options.index(asked))
     assert places == {0, 1, 2, 3}

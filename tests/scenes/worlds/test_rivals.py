@@ -37,7 +37,7 @@ def test_few_readings_leave_a_rival_and_many_do_not(looks: int, noise: float, fo
         same = rival_of(again, ASKED, key, rival)
         assert same is not None
         assert same.structure == rival.structure
-        assert again.search.tried == fits + 1  # it is tried before all others
+        assert again.search.tried == fits + 1  # the given rival is tried before all others
 
 
 def test_an_accepted_world_has_no_rival_in_other_readings() -> None:

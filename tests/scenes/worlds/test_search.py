@@ -89,7 +89,7 @@ def test_trials_of_legs_do_not_depend_on_each_other(structure: Structure) -> Non
         0.6,
         0.7,
         0.2,
-    )  # the first is a mass
+    )  # the first constant is a mass
     together = legs.ends(structure, named(structure, units), 4)
     for trial in range(4):
         alone = legs.ends(structure, named(structure, units[:, [trial]]), 1)

@@ -81,7 +81,7 @@ def test_records_survive_their_file(made: tuple[WorldRecord, Certificate], tmp_p
     record, certificate = made
     lines_file(tmp_path, LEVEL).write_text(as_line(record) + "\n" + as_line(record)[:40], encoding="utf-8")
     keys_file(tmp_path, LEVEL).write_text(as_line(certificate) + "\n", encoding="utf-8")
-    assert list(read_records(tmp_path, LEVEL)) == [record]  # a line that is being written is none yet
+    assert list(read_records(tmp_path, LEVEL)) == [record]  # an incomplete line is no record yet
     assert list(read_certificates(tmp_path, LEVEL)) == [certificate]
     assert len(as_line(record)) + len(as_line(certificate)) < 2000
 
