@@ -125,7 +125,10 @@ def _code() -> Iterator[tuple[str, bytes]]:
 
 
 def _modules_of_scenes(root: Path, folder: Path) -> set[str]:
-    """Return the modules of `scenes` that the laboratory imports. Reference protocols need further libraries."""
+    """Return the modules of `scenes` that the laboratory imports.
+
+    The others are left out, because the modules for reference protocols need further libraries.
+    """
     found, unread = set[str](), [folder / "__init__.py", *root.rglob("*.py")]
     while unread:
         named = set(

@@ -1,4 +1,4 @@
-"""The instruments of a scene: the resolution, the noise and the admitted systematic errors of readings."""
+"""The instruments of a scene: the resolution and noise of readings, and the quantities with a systematic error."""
 
 from physment_mcp.world import Fineness, Readout
 from physment_mcp.world.readout import EXACT, Quantity
@@ -10,7 +10,7 @@ _SYSTEMATIC: tuple[Systematic, ...] = ("position", "angle")
 
 
 def readout_of(public: PublicPack) -> Readout:
-    """Return the instruments of a scene. Their noise is the same at all seeds, so it reveals nothing."""
+    """Return the instruments of a scene. Their noise is the same at all seeds, so it reveals no hidden value."""
     said = public.instruments
     if said is None:
         return EXACT

@@ -104,7 +104,7 @@ class Session:
             known=not listed.permissions.hidden,
         )
 
-    # Gates
+    # Checks before a call
 
     @property
     def ended(self) -> bool:

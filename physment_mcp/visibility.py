@@ -40,7 +40,7 @@ class Visible(NamedTuple):
     parts: frozenset[Part]
     """Geoms that may be drawn, of fixtures and of objects."""
     turns: Mapping[str, Array]
-    """Body → the orientation (4,) in which its geom is drawn, in place of its own."""
+    """Body → the orientation (4,), as a quaternion, in which its geom is drawn instead of its present one."""
 
     @property
     def bodies(self) -> frozenset[str]:
@@ -77,7 +77,8 @@ def visibility_of(scene: Scene, variants: Sequence[str]) -> Visibility:
 
     Args:
         scene: The scene.
-        variants: The scene's MJCF at other seeds, enough for each property that depends on the seed to differ in one.
+        variants: The scene's MJCF at other seeds, so many that every property that depends on the seed differs in at
+            least one.
 
     Raises:
         SceneError: A variant does not compile.

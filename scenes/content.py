@@ -18,7 +18,7 @@ _PREFIX = "c1:"
 """Prefix of a content hash by version 1 of these rules. A byte hash has no prefix."""
 _DIGITS = 12
 _TABLE = Path(__file__).with_name("byte_hashes.json")
-"""Byte hash → content hash of each pack of the suite, from before the packs were formatted."""
+"""Byte hash of a pack of the suite before the packs were formatted → its content hash."""
 _IN_ORDER = frozenset({"objects", "knobs", "derive", "apply"})
 """Fields of `scene{N}.json` whose order matters."""
 _DRAWN_ONLY = "schematic"

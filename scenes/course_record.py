@@ -52,7 +52,7 @@ class Course:
         return int(np.count_nonzero(~np.isnan(self.readings)))
 
     def first(self, count: int) -> "Course":
-        """Return the first legs."""
+        """Return the first `count` legs."""
         return Course(self.durations[:count], self.controls[:count], self.readings[:count])
 
 

@@ -45,11 +45,11 @@ Rates = Callable[[str, Knobs, Any, Array, Array], Array]
 PLAIN = "plain"
 """Name of the simplified law that is used for planning but never for an answer."""
 _DEVIATIONS = 4.0
-"""A fit explains its course if chi-square exceeds its mean by at most this many standard deviations."""
+"""A fit explains its course if chi-square exceeds its expected value by at most this many standard deviations."""
 _NEARLY = 100.0
 """Chi-square per reading below which a fit is refined with shorter integration steps."""
 _FINER, _LAST_ROUNDS = 4, 4
-"""Number by which an integration step is divided for the refinement, and largest number of iterations of the latter."""
+"""Number by which an integration step is divided for the refinement, and largest number of refining iterations."""
 _SEARCHES = 4
 """Largest number of searches for a fit that explains a course."""
 _IN_VAIN = 0.8
@@ -68,9 +68,9 @@ class Laws:
     structures: Mapping[str, Sequence[str]]
     """Names of the constants of each structure."""
     box: Mapping[str, tuple[float, float]]
-    """Range of each constant; searched in even ratios if both ends are positive."""
+    """Range of each constant; searched on a logarithmic scale if its lower end is positive."""
     start: Sequence[float]
-    """State at the start of the course; its first entries are the readable ones."""
+    """State at the start of the course; its first entries are the quantities that are read."""
     sigma: Sequence[float]
     """Standard deviation of each reading, rounding included."""
     longest_s: float = 0.1
@@ -82,8 +82,8 @@ class Laws:
     rounds: int = 15
     """Largest number of iterations of a refinement."""
     hopeless: float = np.inf
-    """Factor by which chi-square leg by leg may exceed that of the best structure. Structures beyond it are not fitted
-    to the whole course, which takes most of the time."""
+    """Largest ratio of the chi-square of a fit leg by leg to that of the best structure. A structure beyond it is not
+    fitted to the whole course, because that fit takes most of the time."""
     price: float = 4.0
     """Penalty in chi-square for each constant."""
     plain: Sequence[str] = ()
@@ -146,7 +146,7 @@ class Laws:
         return unit
 
     def best(self, course: Course) -> tuple[str, dict[str, float]]:
-        """Return the structure with the best fit, with a penalty for each fitted constant, and its constants."""
+        """Return the structure with the best fit, and its constants. Each fitted constant costs a penalty."""
         return self.cheapest(self.fits(course))
 
     def fits(self, course: Course) -> dict[str, tuple[float, dict[str, float]]]:

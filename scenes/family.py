@@ -68,14 +68,15 @@ def plausible_constants(
 
     They are sampled from a normal distribution around the best-fit ones. Its covariance is that of linear least
     squares, (JᵀJ)⁻¹ with the Jacobian J of the misfits, scaled up if the misfits exceed the standard deviations of the
-    instruments. Samples outside the ranges are rejected. Where misfits are not linear in the constants, a sample is
-    rejected with the probability by which the readings make it less likely than the normal distribution does.
+    instruments. Samples outside the ranges are rejected. Rejection sampling corrects for misfits that are not linear in
+    the constants: a sample is accepted with probability min(1, exp(-Δ/2)), where Δ is its scaled chi-square minus that
+    of the normal approximation.
 
     Args:
         misfits: Constants → misfit of every reading, in standard deviations.
         best: The best-fit constants.
         ranges: Smallest and largest value of each constant.
-        sizes: Standard deviation of each constant if no reading depends on it.
+        sizes: Standard deviation that each constant gets if no reading depends on it.
         number: Number of sets of constants to return.
         trials: Number of samples to try for each set.
 
@@ -96,7 +97,7 @@ def plausible_constants(
 
     units = scattered(slope, trials * number)
     drawn = best + units * sizes
-    # Outside of the ranges draws are rejected: moving them to the edge would undo the correlations of constants.
+    # Draws outside the ranges are rejected: moving them to the edge would destroy the correlations of the constants.
     within = units[np.all((drawn >= low) & (drawn <= high), axis=1)]
     return [best + unit * sizes for unit in _likely(within, excess, number)], np.clip(drawn, low, high)
 
@@ -126,12 +127,13 @@ def scattered(slopes: Array, number: int) -> Array:
     """Sample deviations from the best-fit constants with the covariance of least squares; shape (number, constants).
 
     Args:
-        slopes: Derivatives of the misfits by the constants, each in units of its usual size.
+        slopes: Derivatives of the misfits with respect to the constants, each constant in units of the standard
+            deviation that it gets if no reading depends on it.
         number: Number of samples.
     """
     size = slopes.shape[1]
-    # The unit matrix is a standard deviation of a usual size, for constants on which no reading depends.
-    # The factor of Cholesky is unique, and so are the draws; the signs of eigenvectors depend on the last bit.
+    # The unit matrix gives constants on which no reading depends the standard deviation 1 in these units.
+    # The Cholesky factor is unique, so the draws are reproducible; the signs of eigenvectors depend on the last bit.
     factor = np.linalg.cholesky(slopes.T @ slopes + np.eye(size))
     normal = np.random.default_rng(0).standard_normal((size, number))
     return np.asarray(np.linalg.solve(factor.T, normal).T, dtype=float)

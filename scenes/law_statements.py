@@ -20,7 +20,7 @@ _AXES = ("x", "y", "z")
 _LANGUAGE = Language()
 _QUANTITIES = (*PLACES, *SPEEDS, *LOADS)
 _STRENGTH = {"or": 1, "and": 2, "not": 3, "compare": 4, "+": 5, "-": 5, "*": 6, "/": 6, "%": 6, "negative": 7, "**": 8}
-"""Operator → binding strength; that of a condition is 0, and everything else needs no brackets."""
+"""Operator → binding strength. A condition has the strength 0; numbers, names and functions need no brackets."""
 _ATOM = 9
 
 
@@ -312,7 +312,7 @@ def law_model(mjcf: str) -> LawModel:
     """Return the law of a model, with the coordinates of its objects and the radius of its floor or rail.
 
     Raises:
-        UnstatableLawError: As for `statement_of`, or the statement is longer than those that can be compared.
+        UnstatableLawError: As for `statement_of`, or `StatedLaw` refuses the statement, for example as too long.
     """
     root = ET.fromstring(mjcf)  # noqa: S314 - a model of a pack that the operator named
     found = tuple(

@@ -22,19 +22,19 @@ _REST_S = 1.0
 
 
 def ball(name: str, kg: float, place: Sequence[float], radius: float) -> Call:
-    """Create a ball of a mass and a radius [m]."""
+    """Return the call that creates a ball with a mass [kg] and a radius [m]."""
     density = kg / (4 / 3 * pi * radius**3)
     return call("create_objects", name=name, pos=list(place), density=density, rgba=list(_RED), radius=radius)
 
 
 def dense_ball(name: str, kg: float, place: Sequence[float], density: float) -> Call:
-    """Create a ball of a mass and a density [kg/m³]."""
+    """Return the call that creates a ball with a mass [kg] and a density [kg/m³]."""
     radius = (kg / density / (4 / 3 * pi)) ** (1 / 3)
     return call("create_objects", name=name, pos=list(place), density=density, rgba=list(_RED), radius=radius)
 
 
 def joined(ball: Call, body: str) -> list[Call]:
-    """Create a ball and attach it to a body."""
+    """Return the calls that create a ball and attach it to a body."""
     return [ball, call("attach_objects", object1_id=ball.arguments["name"], object2_id=body)]
 
 
@@ -49,7 +49,7 @@ def looks(body: str, spans: Sequence[float]) -> list[Call]:
 
 
 def hung(exchanges: Exchanges) -> Iterator[tuple[Call, Reading, Mapping[str, float]]]:
-    """Return each successful call with its result, and the masses [kg] of the balls on each body at that time."""
+    """Yield each successful call with its result, and the total mass [kg] of the balls on each body after it."""
     made, places, load = dict[str, float](), dict[str, str](), defaultdict[str, float](float)
     for asked, reading in accepted(exchanges):
         if asked.tool == "create_objects":
@@ -169,9 +169,9 @@ class Lever:
     fastest: float
     """Angular velocity above which the device brakes [rad/s]."""
     share: float
-    """Share of this angular velocity that the next ball should reach."""
+    """Share of `fastest` that the angular velocity should reach after the next ball."""
     room: float
-    """Within this many steps of the widest angle, one ball is attached at a time."""
+    """One ball is attached at a time if the angle left is smaller than this many times the angle gained last."""
     first_kg: float
     most: int
     """Largest number of balls."""
@@ -228,7 +228,7 @@ class Lever:
         return seen, number
 
     def torques(self, exchanges: Exchanges) -> list[tuple[float, float]]:
-        """Return the torque of the balls [N·m] and the angle [rad] at each rest within the allowed range."""
+        """Return the torque of the balls [N·m] and the angle [rad] of each equilibrium within the allowed range."""
         balls, made, rows = dict[str, tuple[float, float]](), dict[str, float](), list[tuple[float, float]]()
         angle = last = 0.0
         for asked, reading in exchanges:

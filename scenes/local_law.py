@@ -35,7 +35,7 @@ class LocalLaw:
             sigma: Standard deviation of a velocity [m/s].
             wanders: Standard deviation by which the other force changes from reading to reading [m/s²], because it
                 depends on place and time; 0 for a uniform force.
-            weak_kg: Reciprocal of the standard deviation of `lightness` that is assumed before any reading.
+            weak_kg: Reciprocal of the standard deviation that `lightness` is assumed to have before any reading [kg].
         """
         durations, after = course.durations, course.readings[:, 2:4]
         before = np.vstack([[0.0, 0.0], after[:-1]])

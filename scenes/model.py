@@ -63,9 +63,9 @@ def drawn_mjcf(files: PackFiles, pack: Pack, values: Mapping[str, KnobValue], *,
 
 
 def noise_of_seed(mjcf: str, seed: int) -> str:
-    """Return the model of a world with the instrument noise of a seed, in which alone the seeds of a world differ.
+    """Return the model of a world with the instrument noise of a seed. The seeds of a world differ only in this noise.
 
-    Models without a text that determines the noise, the salt, are returned unchanged.
+    A text of the model, the salt, determines the noise. Models without a salt are returned unchanged.
     """
     if seed == 0:
         return mjcf

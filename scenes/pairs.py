@@ -107,7 +107,7 @@ class Pair:
     def _resisted(self, structure: str, knobs: Knobs, body: int, speed: Any) -> Any:
         """Return the resistance of a body."""
         drag = structure.split(", ")[1] if body == self.open_body else "linear"
-        # What may be left out is the resistance of the second body.
+        # Only the resistance of the second body may be missing from the constants.
         return (knobs["c"] if body == 0 else knobs.get("r", 0.0)) * DRAGS[drag](speed)
 
     def rates(self, structure: str, knobs: Knobs, _: Any, state: Array, pushes: Array) -> Array:

@@ -31,7 +31,7 @@ _FUNCTIONS = ("solve", "theory", "measure", "structure", "fit", "naive", "batch"
 _STAGE = re.compile(r"stage(_\w+)?")
 
 KIND = "kind"
-"""The drawn value that names the structure, unless `solution.py` defines `structure`."""
+"""Name of the knob whose value is the label of the structure, unless `solution.py` defines `structure`."""
 
 Reading = dict[str, Any]
 AnswerValue = Scalar | list[Scalar]
@@ -47,7 +47,7 @@ class Call:
 
 Protocol = Generator[list[Call], list[Reading], None]
 Exchanges = Sequence[tuple[Call, Reading]]
-"""Calls with what they returned, in order."""
+"""Calls with their results, in order."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,8 +88,8 @@ class Solution:
     """Fits every member of the stated family of laws to calls and readings; returns them by the label of their
     structure."""
     settles: Callable[[Any, Mapping[str, KnobValue], float], float] | None = None
-    """Tests the stability of an equilibrium in question. Starts the drawn world with this relative deviation, under
-    constant loads and without a controller, and returns its relative error after a long time."""
+    """Tests the stability of the equilibrium in the question. Starts the drawn world with this relative deviation,
+    under constant loads and without a controller, and returns its relative error after a long time."""
     stages: Mapping[str, Callable[[str], Protocol]] = field(default_factory=dict[str, Callable[[str], Protocol]])
     """The most direct attempts to produce the situation of the question, by name: `stage` and `stage_…`."""
 

@@ -30,7 +30,7 @@ TO_AND_FRO = (
 _SIZES = (0.25, 0.5, 0.75, 1.0)
 """Candidate magnitudes of pushes, as fractions of the largest."""
 _WEAK_KG = 0.5
-"""Weight of the regularisation of the mass estimate of a floor without `wanders`."""
+"""Weight of the regularisation of the mass estimate if `wanders` is 0 [kg]."""
 _PARTS = 8
 """Number of parts of a push, and of the time for which the puck coasts, after which its place is predicted."""
 
@@ -79,7 +79,7 @@ class PuckFloor:
     """Number of initial legs without a push, which distinguish a uniform force from a small mass."""
     wanders: float = 0.0
     """Standard deviation by which the unknown force per mass changes from reading to reading [m/s²]. With it, pushes
-    are planned by `LocalLaw`, and `slowed` and `drifts` do not count. Without it, that force is taken for uniform."""
+    are planned by `LocalLaw`, and `slowed` and `drifts` are not used. With 0, that force is assumed to be uniform."""
     patience: int | None = None
     """Number of legs after which an unreached target is abandoned, because a force may keep the puck away from it."""
 
@@ -159,7 +159,7 @@ class PuckFloor:
     def planned(self, state: Array, target: Array, law: LocalLaw, mass: float) -> Array:
         """Return the force that should bring the puck nearest to a target, within the safe radius.
 
-        It should stay within that radius even if the mass is one standard error less than estimated.
+        The puck should stay within that radius even if its mass is one standard error less than estimated.
 
         Args:
             state: x, y, vx, vy.

@@ -24,9 +24,9 @@ class Split:
     scenes: tuple[int, ...]
     """Ids of its scenes."""
     seeds: range
-    """Its variants of each scene."""
+    """Seeds of its variants of each scene."""
     version: int
-    """Version of the list that it was taken from."""
+    """Version of `splits.json` that the split was taken from."""
 
     @property
     def label(self) -> str:

@@ -1,4 +1,4 @@
-"""Fits nonlinear springs to forces at rest. Used by reference protocols.
+"""Fits nonlinear springs to elongations and forces in equilibrium. Used by reference protocols.
 
 An `even` spring pulls with k u, a `cubic` one with k u + c u³, and a `late` one with k u + c max(u - e, 0), where a
 second spring engages at the edge e. A law is the tuple (k,), (k, c) or (k, c, e).
@@ -18,7 +18,7 @@ from scenes.protocol import AnswerValue, Member
 
 Law = tuple[float, ...]
 Points = Sequence[tuple[float, float]]
-"""Elongations [m] and forces [N] at rest."""
+"""Elongations [m] and forces [N] in equilibrium."""
 KINDS = ("even", "cubic", "late")
 SIGMA_M = 1.5e-4
 """Standard deviation of a position reading [m]."""
@@ -88,7 +88,7 @@ def spin_errors(spin: Array, torque: Array) -> Array:
 
 
 def resisted(columns: Callable[[float], Sequence[Array]], spin: Array, torque: Array) -> tuple[float, Array, float]:
-    """Fit a resistance up to 10 rad/s, part of which sets in at an edge; returns chi-square, coefficients and edge.
+    """Fit a resistance, a part of which begins at an edge; returns chi-square, coefficients and edge.
 
     Args:
         columns: Function of an edge [rad/s]; returns the basis functions of the torque at the angular velocities.

@@ -34,11 +34,11 @@ class PushSteps:
     enough: float
     """Deflection at which loading ends [m]."""
     fastest: float
-    """Largest allowed speed."""
+    """Largest allowed speed [m/s]."""
     share: float
-    """Share of this speed that the next step should reach."""
+    """Share of `fastest` that the speed should reach in the next step."""
     room: float
-    """Within this many steps of the largest deflection, one step is made at a time."""
+    """One step is made at a time if the deflection left is smaller than this many times the one gained last."""
     first_n: float
     """First step [N]."""
     most: int
@@ -50,12 +50,12 @@ class PushSteps:
     wait_s: float
     """Time for the body to come to rest [s]."""
     least_m: float
-    """Smallest displacement of a step that counts, because noise would make the next step too large [m]."""
+    """Value that replaces a smaller displacement of a step, because noise would make the next step too large [m]."""
     least_m_s: float
-    """Smallest speed that counts [m/s]."""
+    """Value that replaces a smaller speed, for the same reason [m/s]."""
 
     def push(self, newtons: float) -> Call:
-        """Return calls that push the body down."""
+        """Return the call that pushes the body down."""
         return call("apply_force", object_id=self.bodies[0], force_vector=[0, 0, -float(f"{newtons:.5g}")])
 
     def rest(self) -> list[Call]:
@@ -85,9 +85,9 @@ class PushSteps:
         return seen
 
     def rows(self, exchanges: Exchanges) -> list[tuple[float, ...]]:
-        """Return force [N], deflection and heights of the other bodies [m] at each rest.
+        """Return force [N], deflection and heights of the other bodies [m] for each equilibrium.
 
-        Ends before the first deflection beyond `deepest`.
+        The list stops before the first deflection beyond `deepest`.
         """
         force, last, found, rows = 0.0, 0.0, list[float](), list[tuple[float, ...]]()
         for asked, reading in exchanges:
@@ -164,8 +164,8 @@ def fitted_from(
 class LateParts:
     """Supports that act on a body only beyond a gap: props at a distance, cords with slack.
 
-    The constants are the three of the permanent support, the matrix of a linear law of two loads, and then position,
-    stiffness and gap of each late support.
+    The constants are first the three of the permanent support (the matrix of a linear law of two loads), and then the
+    position, the stiffness and the gap of each late support.
     """
 
     pressed: Callable[[Array, Array], Array]

@@ -66,7 +66,7 @@ class LegFit:
         return chi_square(misfits, unit), {name: float(value) for name, value in constants.items()}
 
     def best(self, course: Course) -> tuple[str, dict[str, float]]:
-        """Return the structure with the best fit, with a penalty for each constant, and its constants."""
+        """Return the structure with the best fit, and its constants. Each fitted constant costs a penalty."""
         return self.laws.cheapest({name: self.fitted(course, name) for name in self.laws.structures})
 
     def plausible(self, course: Course, more: float) -> list[tuple[str, Knobs]]:
@@ -186,7 +186,8 @@ class Swing:
     plausible: Callable[[Course], Sequence[tuple[str, Knobs]]] = _none
     """Returns structures and constants that the course so far does not exclude."""
     limit: float = np.inf
-    """Distance within which a planned path should stay under each of them, and not only under the simplified law."""
+    """Distance within which a planned path should stay by each law of `plausible`, too, not only by the simplified
+    law."""
 
     def solve(self, _: str) -> Protocol:
         """Increase a push until the body moves, then push as planned with the simplified law; fit every law."""

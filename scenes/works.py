@@ -127,7 +127,7 @@ def refitted(
         misfits: Function of the constants; returns the misfits of the points, and other misfits in standard deviations.
         scale: Typical sizes of all constants.
         highest: Upper bounds of all constants; the lower ones are 0.
-        margin: Distance of the fitted constants from their bounds, at least.
+        margin: Smallest distance of the fitted constants from their bounds.
 
     Returns:
         The fit of the lowest chi-square.
@@ -158,7 +158,7 @@ def refitted(
 
 
 def cheapest(fits: Mapping[str, Refit], count: int) -> Refit:
-    """Return the structure with the smallest Bayesian information criterion: chi-square + constants · ln(points).
+    """Return the fit with the smallest Bayesian information criterion: chi-square + constants · ln(points).
 
     Args:
         fits: The fit of each structure.

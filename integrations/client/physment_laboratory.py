@@ -1,7 +1,7 @@
 """Tool calls of an episode, one stateless POST each (MCP 2026-07-28). Standard library only.
 
-`Laboratory` is for synchronous code. Asynchronous code sends `request_of` with its own HTTP library and reads the reply
-with `result_of`.
+`Laboratory` is for synchronous code. Asynchronous code sends the request that `request_of` returns with its own HTTP
+library, and reads the reply with `result_of`.
 """
 
 import base64
@@ -19,9 +19,9 @@ GONE = "physment/gone"
 CONNECT_S = 30.0
 """Longest time to connect [s]."""
 READ_S = 300.0
-"""Longest time without a byte from the host [s]; it sends pings during a long step."""
+"""Longest time without a byte from the host [s]; the host sends pings during a long step."""
 IDLE_S = 5.0
-"""Longest time that an idle connection is used again [s]; servers close it later."""
+"""Idle time after which a connection is not used again [s]; servers close idle connections later than this."""
 _META = {"io.modelcontextprotocol/protocolVersion": PROTOCOL, "io.modelcontextprotocol/clientCapabilities": {}}
 _AGENT_FAULTS = (400, 413, 422)
 """Statuses with which the host refuses what the agent sent, such as arguments that are too long."""

@@ -58,14 +58,14 @@ class OpenedEpisode:
     tools: tuple[dict[str, Any], ...] = field(repr=False)
     """Descriptions of the tools, each with `name`, `description` and `input_schema`."""
     budget: int
-    """Iterations that the prompt names."""
+    """Number of iterations that the prompt states."""
     scene: int
     world: str | None = None
     """Reference of a world, such as `world:5:17`."""
     split: str | None = None
-    """Name and version of the split that it was taken from, such as `train@1`."""
+    """Name and version of the split that the variant was taken from, such as `train@1`."""
     index: int | None = None
-    """Its index in the split, with which a later request gets the same variant."""
+    """Index of the variant in the split; a later request with this index gets the same variant."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,10 +109,11 @@ class Referee:
 
         Args:
             scene: Id of the scene.
-            seed: Variant of the scene; 0 if neither it nor a split is named.
+            seed: Variant of the scene; 0 if neither a seed nor a split is named.
             options: `split` with `index` or `random_seed` instead of a seed; `world` instead of a scene, such as
-                `{"level": 5}`; `curriculum`, a name, with a split or a world, to draw from its window; `budget`,
-                `max_calls` and `prompting`, if other than the referee's defaults. None stands for the default.
+                `{"level": 5}`; `curriculum` (a name) with a split or a world, so that the referee draws the variant
+                from the window of this curriculum; `budget`, `max_calls` and `prompting`, if other than the referee's
+                defaults. None stands for the default.
 
         Raises:
             RefereeError: The referee refused, or cannot be reached.
@@ -158,10 +159,10 @@ class Referee:
         return tuple(OpenedEpisode(**shared | one) for one in shared.pop("episodes"))
 
     def variants(self, **query: Any) -> dict[str, Any]:
-        """Properties of the scenes of a split or of worlds: rung, chance, reference, difficulty.
+        """Return properties of the scenes of a split, or of worlds: rung, chance, reference, difficulty.
 
         Args:
-            query: `split`, such as `train`; of worlds `level` and the other fields of `world`; `offset` and `limit`.
+            query: `split`, such as `train`; for worlds, `level` and the other fields of `world`; `offset` and `limit`.
 
         Raises:
             RefereeError: The referee refused, or cannot be reached.
@@ -169,10 +170,10 @@ class Referee:
         return self._ask("GET", f"/variants?{urllib.parse.urlencode(_given(**query))}", None, self.token)
 
     def curriculum(self, name: str) -> dict[str, Any]:
-        """The window of a curriculum: its `low` and `high` step, and the scenes of all `steps`, the easiest first.
+        """Return the window of a curriculum (its `low` and `high` step) and the scenes of all `steps`, easiest first.
 
         Raises:
-            RefereeError: No episode was drawn from it yet, the referee refused, or cannot be reached.
+            RefereeError: No episode was drawn from the curriculum yet, or the referee refused or cannot be reached.
         """
         return self._ask("GET", f"/curricula/{name}", None, self.token)
 

@@ -21,7 +21,7 @@ class PhysmentSession(ResourceSession):
     """An open episode. Each turn of the harness is an iteration, so `max_turns` must equal the budget of iterations."""
 
     def __init__(self, referee: Referee, opened: OpenedEpisode) -> None:
-        """Prepare; the first call connects."""
+        """Store the episode; the first call connects."""
         self._referee, self._opened = referee, opened
         self._laboratory = Laboratory(opened.mcp_url, opened.player_token)
         self._verified: VerifyResult | None = None
@@ -61,7 +61,7 @@ class PhysmentSession(ResourceSession):
         return self._verified
 
     def close(self) -> None:
-        """Close the connection, and an episode without a reward."""
+        """Close the connection. If no reward was requested, close the episode, too."""
         self._laboratory.close()
         if self._verified is None:
             with contextlib.suppress(RefereeError):  # the referee may have closed it already

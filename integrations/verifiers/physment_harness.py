@@ -36,7 +36,7 @@ class LaboratoryState(vf.State):
     player_token: str = ""
     prompt: str = ""
     tools: list[dict[str, Any]] = Field(default_factory=list)
-    """As the model gets them, in the format of chat completions."""
+    """The tools as the model gets them, in the format of chat completions."""
     answered: bool = False
 
 
@@ -55,7 +55,7 @@ class PhysmentHarness(Harness[PhysmentHarnessConfig]):
     NEEDS_CONTAINER = False
 
     def __init__(self, config: PhysmentHarnessConfig) -> None:
-        """Open nothing yet."""
+        """Store the configuration; the first rollout opens the connections."""
         super().__init__(config)
         self._pool: aiohttp.ClientSession | None = None
         self._playing = 0

@@ -29,7 +29,8 @@ def common_options(*, again: bool = False) -> argparse.ArgumentParser:
     """Return the options that may be given before or after the name of a command.
 
     Args:
-        again: True for the options after the name. An option that is not given there keeps the value given before it.
+        again: True for the options after the name. An option that is not given there keeps the value given before the
+            name.
     """
     common = argparse.ArgumentParser(add_help=False, argument_default=argparse.SUPPRESS if again else None)
     common.add_argument(

@@ -78,7 +78,7 @@ def _run(program: Program, args: argparse.Namespace) -> int:
             try:
                 control.close()
                 code = _episode(brought, program)
-            except Exception:  # noqa: BLE001 - what the interpreter would print, too
+            except Exception:  # noqa: BLE001 - print it, as the interpreter would
                 traceback.print_exc()
             finally:
                 os._exit(code)  # a child must not continue this loop
@@ -111,7 +111,7 @@ def _episode(brought: Sequence[int], program: Program) -> int:
     signal.signal(signal.SIGCHLD, signal.SIG_DFL)
     try:
         return program(_words())
-    except SystemExit as end:  # wrong words
+    except SystemExit as end:  # invalid command line
         return end.code if isinstance(end.code, int) else 1
     finally:
         sys.stdout.flush()

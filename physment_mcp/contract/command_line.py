@@ -35,7 +35,7 @@ class SentenceParser(argparse.ArgumentParser):
         return super().parse_known_args(*args, **kwargs)
 
     def format_help(self) -> str:
-        """Return the help text, with no line longer than the terminal is wide; examples and their notes included."""
+        """Return the help text. No line, examples and their notes included, is longer than the terminal is wide."""
         width = shutil.get_terminal_size().columns
         blocks = itertools.groupby(super().format_help().splitlines(), key=_is_prose)
         wrapped = (_paragraph(list(lines), width) if prose else _examples(lines, width) for prose, lines in blocks)
@@ -84,12 +84,12 @@ def _is_prose(line: str) -> bool:
 
 
 def _paragraph(lines: list[str], width: int) -> list[str]:
-    """Fill a paragraph anew if a line of it is too long."""
+    """Wrap a paragraph again if one of its lines is too long."""
     return lines if max(map(len, lines)) <= width else textwrap.wrap(" ".join(lines), width, break_on_hyphens=False)
 
 
 def _examples(lines: Iterable[str], width: int) -> Iterator[str]:
-    """Put the note of a command that is too long on the next line, and break what is too long even then."""
+    """If the line of a command with a note is too long, put the note on the next line. Wrap lines still too long."""
     for line in lines:
         indent = " " * (len(line) - len(line.lstrip()))
         command, gap, note = line.strip().partition("   ")

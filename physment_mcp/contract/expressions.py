@@ -15,7 +15,7 @@ from types import CodeType, FunctionType, MappingProxyType
 from typing import Any, NamedTuple
 
 Compiled = Callable[..., tuple[Any, ...]]
-"""Function of the values of the names, by position, that returns one value for each expression."""
+"""Compiled expressions: takes the values of the names as positional arguments; returns a value for each expression."""
 Token = tuple[str, str]
 """Kind of the token (number, name, text, sign) and its text."""
 MAX_DEPTH = 30
@@ -120,7 +120,7 @@ class Language:
         except (RecursionError, MemoryError) as error:
             raise ExpressionError("it is too long") from error
         functions = {name: function for name, (function, _, _) in self.functions.items()} | dict(self.operators)
-        known: dict[str, Any] = {f"{name}()": function for name, function in functions.items()}  # () prevents clashes
+        known: dict[str, Any] = {f"{name}()": function for name, function in functions.items()}  # no name contains ()
         return FunctionType(code, known | {"__builtins__": {}, "pi": math.pi}, argdefs=tuple(constants.values()))
 
 
@@ -329,7 +329,7 @@ def _code(
             return ast.BinOp(operands[0], _ARITHMETIC[head](), operands[1])
         signs = [_COMPARISONS[sign]() for sign in text.split(",") if sign]
         found = ast.Compare(operands[0], signs, operands[1:]) if signs else _BUILDERS[head](operands)
-        is_truth = language.number is float and head in {"compare", "not"}  # their sums would be integers
+        is_truth = language.number is float and head in {"compare", "not"}  # sums of bool are integers
         return ast.IfExp(found, ast.Constant(1.0), ast.Constant(0.0)) if is_truth else found
 
     first = [ast.NamedExpr(ast.Name(name, ast.Store()), tree(node)) for name, node in let]

@@ -60,7 +60,7 @@ class Formulas:
             known.add(name)
         self._results = {field: _read(field, text, known) for field, text in results.items()}
         self.used = names_in(*self._let.values(), *self._results.values()) & {*names, *chosen}
-        """The names with passed values that the expressions contain."""
+        """The names in `names` and `chosen` that the expressions contain."""
 
     @property
     def length(self) -> int:
@@ -90,7 +90,7 @@ class Formulas:
             let[f"{field}#{number}"] = Node("*", (Node("name", text=factor), _renamed(node, names)))
 
     def fault(self, arguments: Sequence[str], values: Sequence[float]) -> str | None:
-        """Return the name of the first field without a finite value at `values`, and the reason; None without one."""
+        """Return the first field without a finite value at `values`, with the reason; None if all values are finite."""
         known, found = [*arguments], [*values]
         for name, tree in self._let.items():
             value = _value(self._language.compiled(known, [tree], {}, self._constants), found)

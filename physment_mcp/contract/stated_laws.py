@@ -74,8 +74,8 @@ class StatedLaw:
         objects: Ids of the objects of which the agent knows.
 
     Raises:
-        ExpressionError: The law has another form, contains an unknown name or something that is not allowed, is too
-            long, or has no finite value at an ordinary state. The message is one sentence.
+        ExpressionError: The law is malformed, contains an unknown name or something that is not allowed, is too long,
+            or has no finite value at one of the test states. The message is one sentence.
     """
 
     def __init__(self, written: object, objects: Sequence[str]) -> None:
@@ -140,7 +140,7 @@ def variables(objects: Sequence[str]) -> Iterator[str]:
 
 
 def _probes(arguments: Sequence[str], states: Mapping[str, float]) -> Iterator[list[float]]:
-    """Yield the argument lists at which every law is tried out. They are the same for every law."""
+    """Yield the test states, each as a list of arguments, at which a law is evaluated. All laws get the same values."""
     for number in range(_PROBES):
         yield [
             states[name] if name in states else random.Random(f"{number}:{name}").uniform(*_range(name))  # noqa: S311 - reproducible, not secret

@@ -19,7 +19,7 @@ from physment_mcp.session import Session
 logger = logging.getLogger(__name__)
 
 _LARGEST = 2**64 - 1
-"""Largest magnitude of an integer in a request. No scene id or seed is larger, and errors and logs quote it."""
+"""Largest magnitude of an integer in a request. No scene id or seed is larger. Errors and logs quote the integer."""
 EPISODE_BYTES = 1_000_000
 """Largest memory of an open episode: its state, a model of its own, its MCP server and its log.
 `tests/harness/bench/opening.py` measures 0.6 MB where four episodes share a seed."""

@@ -294,7 +294,7 @@ class EpisodeServer:
         if not (start.isdecimal() and len(start) < 10):
             return refuse(400, "start must be a whole number: the index of the first call to return, counted from 0")
         episode.last_used = time.monotonic()
-        # A running call belongs to the log.
+        # Wait for a running call, because it belongs to the log.
         async with turns.turn(), turns.exclusive:
             calls = ",".join(logged.as_json() for logged in log.page_from(int(start)))
             ended = json.dumps(session.ended)

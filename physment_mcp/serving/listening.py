@@ -19,7 +19,7 @@ _KEEP_ALIVE_S = 60
 _CONNECTIONS_EACH = 8
 """Largest number of connections per episode (attack `half-open connections`); a client uses two or three."""
 _MORE_CONNECTIONS = 100
-"""Allowed connections in addition to these."""
+"""Allowed connections in addition to those of the episodes."""
 _ACCEPTED_AT_ONCE = 8
 """Connections accepted in one event loop iteration (attacks `200 requests at once`, `200 wrong URLs at once`)."""
 _BACKLOG = 1024
@@ -94,7 +94,7 @@ def _config(host: EpisodeServer) -> uvicorn.Config:
         host.app(),
         http=bounded_protocol(Connections(most, most * 3 // 4)),
         backlog=_ACCEPTED_AT_ONCE,
-        log_config=None,  # as all other lines
+        log_config=None,  # uvicorn then logs through the root logger, as all other modules do
         log_level="warning",
         timeout_graceful_shutdown=2,
         timeout_keep_alive=_KEEP_ALIVE_S,

@@ -60,7 +60,7 @@ def _instruments(instruments: Instruments) -> list[str]:
 
 
 def _systematic(instruments: Instruments) -> Iterator[str]:
-    """Yield a sentence that admits the systematic error of positions, and one for angles, if they have one."""
+    """Yield a sentence that states the bounds of the systematic error of positions, and one for angles, if any."""
     bounds = (instruments.bias or SystematicBounds(), instruments.drift or SystematicBounds())
     for name, plural, unit in (("position", "positions", "m"), ("angle", "angles", "rad")):
         bias, drift = (getattr(one, name) for one in bounds)
@@ -165,7 +165,7 @@ def _unit(unit: str | tuple[str, ...] | None) -> str:
 
 
 def tool_listing(tools: Iterable[Tool[Any]]) -> str:
-    """A list with each tool's signature and description, and below it its arguments and results."""
+    """List the tools: the signature and description of each, and below them its arguments and results."""
     return "\n".join(_entry(tool) for tool in tools)
 
 

@@ -14,7 +14,7 @@ import anyio
 
 PATIENCE_S = 0.1
 """Longest time that a request waits for the previous one of its episode [s]. On a busy server a short request takes a
-third of it. Without the wait, many requests of an episode would run concurrently, each slower than before."""
+third of this time. Without the wait, many requests of an episode would run concurrently, each slower than before."""
 _ALLOWED_S = 0.02
 """Time after which a step admits the next request of its episode, which may be its cancellation; also the time that an
 episode may step before it yields to others [s]."""
@@ -34,7 +34,7 @@ _QUIET_S = 0.1
 
 
 class Scheduler:
-    """Keeps track of the episodes of a server whose requests are being served, except those in a long step."""
+    """Records which episodes of a server have a request that is being served; long steps are not counted."""
 
     def __init__(self) -> None:
         """Create a scheduler without requests."""

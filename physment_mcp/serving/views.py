@@ -202,8 +202,8 @@ def view_of(
     Returns:
         `time` [s]; `drawing`: bodies as `{"id", "object", "movable", "parts"}`, the `schematic` of the pack, if it
         has one, and `names`: object → its name in the table of the opening prompt; `poses`: object → position [m] and
-        quaternion, as 7 numbers; with states also `motion`: `times` [s] and `poses`, such a list for each time, of the
-        objects that moved. Fixtures have no pose, because their parts are given in the world frame. `read` holds the
+        quaternion, as 7 numbers; with states also `motion`: `times` [s], and `poses`: object that moved → its pose at
+        each of these times. Fixtures have no pose, because their parts are given in the world frame. `read` holds the
         last readings of objects that are not drawn, if there are any.
     """
     visible = visibility.now(session)

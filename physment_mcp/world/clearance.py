@@ -44,7 +44,7 @@ def depths(sensors: Sensors, qpos: Array, tree: list[int]) -> dict[tuple[int, in
     data.mocap_pos[:], data.mocap_quat[:] = sensors.data.mocap_pos, sensors.data.mocap_quat
     mujoco.mj_kinematics(model, data)
     for body in range(1, model.nbody):
-        # The agent knows where it puts a body, so the instruments add nothing to the tree but their resolution.
+        # The agent knows where it puts a body, so the poses of the tree are rounded but get no noise.
         pose = readings.pose(model, data, body) if body in tree else sensors.pose(model.body(body).name)
         _put(model, data, body, _rounded(pose, resolution or FLOOR, _extent(model, body)))
     mujoco.mj_collision(model, data)

@@ -118,7 +118,7 @@ class BoundLaws:
         add_passive_forces(at, data, self._function(*self._state(at, data)), self._bodies)
 
     def fault(self, model: mujoco.MjModel, data: mujoco.MjData) -> str | None:
-        """Return the name of the first field without a finite value in this state, and the reason; None without one."""
+        """Return the first field without a finite value in this state, with the reason; None if all are finite."""
         values = dict(zip(self._arguments, self._state(Addresses.of(model, data), data), strict=True))
         for index, law in enumerate(self._laws):
             own = [values[name] for name in law.arguments.values()]

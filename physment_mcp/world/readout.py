@@ -47,16 +47,16 @@ class Readout:
     seed: str = ""
     """Seed of the noise. It must not depend on hidden values."""
     admitted: frozenset[Systematic] = frozenset()
-    """Quantities of which the prompt admits a systematic error."""
+    """Quantities for which the prompt states a systematic error."""
     systematic: Mapping[Systematic, SystematicError] = field(default_factory=dict[Systematic, SystematicError])
     """Systematic error of each quantity that has one."""
 
     def salted(self, salt: str) -> Self:
-        """A copy whose noise also depends on a secret salt."""
+        """Return a copy of this readout whose noise also depends on a secret salt."""
         return replace(self, seed=f"{self.seed}:{salt}")
 
     def with_errors(self, errors: Mapping[Systematic, SystematicError]) -> Self:
-        """A copy with the systematic errors of a model, as far as the prompt admits them."""
+        """Return a copy of this readout with the systematic errors that the model contains and the prompt states."""
         return replace(self, systematic={name: error for name, error in errors.items() if name in self.admitted})
 
     def is_noisy(self, quantity: Quantity) -> bool:
@@ -108,7 +108,7 @@ class Readout:
     def on_grid(self, place: Array) -> Array:
         """Round a target position to the resolution of positions.
 
-        With unrounded targets, refusals to place an object would measure more precisely than the instruments.
+        With unrounded targets, refusals to place an object would reveal positions more precisely than the instruments.
         """
         return self.rounded("position", place)
 

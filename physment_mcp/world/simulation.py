@@ -264,7 +264,7 @@ def settle(model: mujoco.MjModel, data: mujoco.MjData, state: Array) -> None:
 
 
 def _given_up(model: mujoco.MjModel, data: mujoco.MjData) -> Unstable:
-    """Create the refusal for an engine error during a step, raised when its equations have no stable solution.
+    """Return the refusal for an engine error. The engine raises one when its equations have no stable solution.
 
     The error leaves the engine's stack in `data` in use; a reset frees it.
     """

@@ -1,7 +1,7 @@
-"""Systematic errors of the instruments for position, which a model contains in a text element.
+"""Systematic errors of the instruments for position and angle, which a model contains in a text element.
 
-All bodies are read with the same error, as by a camera whose mount is displaced and creeps. Whatever uses a read
-position (pictures, refusals to place a body, displacements) uses it with the error.
+All bodies are read with the same error, as by a camera whose mount is displaced and creeps. Everything that uses
+readings of positions (pictures, refusals to place a body, displacements) is affected by the error.
 """
 
 import json

@@ -34,7 +34,8 @@ class World(Simulation):
         Args:
             mjcf: MuJoCo XML.
             timestep: Time step to use in place of the model's own [s]; for step-halving checks.
-            readout: Resolution and noise of the instruments. The model contains the systematic errors that it admits.
+            readout: Resolution and noise of the instruments, and the quantities that may have a systematic error. The
+                model contains these errors.
 
         Raises:
             SceneError: The model does not compile, or has laws or systematic errors that are not in the format.
@@ -175,8 +176,8 @@ class World(Simulation):
         Args:
             body: The body.
             target: World position (3,) [m]; rounded to the resolution of positions.
-            obstacles: Name of each body that it may not overlap by more than 1 mm or its present overlap, at the
-                resolution of the instruments (see `clearance`) → name to use in a refusal.
+            obstacles: Body that the placed body may not overlap → name to use in a refusal. An overlap of up to 1 mm,
+                or up to the present overlap, is allowed. Depths have the resolution of the instruments (`clearance`).
 
         Returns:
             True if the body reached the target, False if its joints did not allow it.
@@ -204,7 +205,7 @@ class World(Simulation):
     def shift(self, body: str, shift: Array, obstacles: Mapping[str, str]) -> bool:
         """Like `place`, with a target at a displacement (3,) [m] from the body's measured position.
 
-        A displacement from the true position would reveal it, because the target is rounded to a grid.
+        A displacement from the true position would reveal this position, because the target is rounded to a grid.
         """
         return self.place(body, self.pose(body).position + shift, obstacles)
 

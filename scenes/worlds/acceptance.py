@@ -46,7 +46,8 @@ _QUICK_S, _CHOICE_S, _FINE_S = 0.12, 0.06, 0.01
 """Longest integration steps [s] in three uses: testing candidates, choosing questions, and computing keys."""
 _REDRAWN = 8
 _SENSITIVE = 1.0
-"""Largest difference between the course integrated with two step sizes, in standard deviations of the readings."""
+"""Largest root mean square of the differences between the course integrated with two step sizes, in standard deviations
+of the readings."""
 _REFIT_SEED, _SOLVE_SEED = 1, 2
 """Noise seeds of the readings to which other structures are fitted, and of the readings that the reference solves."""
 _BESIDE = 0.05
@@ -267,7 +268,7 @@ def _refuse_guessable(world: DrawnWorld, rng: random.Random) -> None:
     """
     structure, constants, asked = world.structure, world.constants, world.questions
     key = np.array(world.key)
-    numbers = np.array([not question.options for question in asked])  # another draw has the same terms
+    numbers = np.array([not question.options for question in asked])  # `which` answers depend on no constant
     guesses = nearby(structure, constants, asked, world.told)
     for number in range(2):
         other = draw_constants(structure, rng) | {"m": constants["m"]}

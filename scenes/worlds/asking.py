@@ -110,7 +110,7 @@ def _push(
     # The range of answers must be wide: the middle of a narrow range would be a good guess.
     force = told.force * _WEAKEST * (_STRONGEST * difficulty.strong / _WEAKEST) ** rng.random()
     reached = _reached(structure, constants, asked, force)
-    return replace(asked, size=round(reached, 2) if reached > _LEAST_SIZE else _LEAST_SIZE)  # also if it has no value
+    return replace(asked, size=round(reached, 2) if reached > _LEAST_SIZE else _LEAST_SIZE)  # also if it is NaN
 
 
 def _reached(structure: Structure, constants: Mapping[str, float], asked: Question, force: float) -> float:
@@ -131,9 +131,9 @@ def _which(structure: Structure, rng: random.Random) -> Question:
 def nearby(
     structure: Structure, constants: Mapping[str, float], asked: Sequence[Question], told: Situation
 ) -> dict[str, Array]:
-    """Return the answers in the nearest allowed situation, as measured and scaled proportionally.
+    """Return the answers in the nearest allowed situation: as measured there, and scaled in proportion to the force.
 
-    NaN for a `which` question, because no single situation answers it.
+    The answer to a `which` question is NaN, because no single situation answers it.
     """
     nearest: list[float] = []
     scaled: list[float] = []

@@ -20,7 +20,7 @@ from scenes.worlds.terms import Structure, Term
 from scenes.worlds.weak_form import Whitened, named, to_unit, to_value
 
 PART = 7.0
-"""Decrease of chi-square that a form or modulation needs beyond the penalty of its constants, as many are tested."""
+"""Decrease of chi-square that a form or modulation needs beyond its constants' penalty, because many are tested."""
 _CONSTANT = 4.0
 """Penalty of a constant in the score test."""
 _SAMPLES = (40, 160)
@@ -43,7 +43,7 @@ class Fit:
     """Minus twice the logarithm of the evidence, up to a constant."""
     misfits: Array
     slope: Array
-    """Derivatives of the misfits by the constants."""
+    """Derivatives of the misfits with respect to the constants."""
 
     def parts(self) -> list[tuple[Term, Array]]:
         """Return the terms with the points of their constants."""
@@ -199,7 +199,7 @@ class Candidates:
         return self._kept.setdefault("library", found)
 
     def _column(self, term: Term, masses: Mapping[str, Any], values: dict[str, Any], samples: int) -> Array:
-        """Changes of velocity that a term causes during each push, for sampled values of its constants."""
+        """Return how much a term changes the end of each leg, for sampled values of its constants."""
         own = {name: np.broadcast_to(masses[name], samples) for name in ("m", "m2") if name in masses}
         with np.errstate(all="ignore"):
             return np.nan_to_num(self.whitened.legs.columns(term, own | values, samples))

@@ -88,7 +88,7 @@ def _compiled(writer: "_Writer", rows: list[str], *, single: bool, scope: Mappin
         lines += ["  out=empty_like(S)", *(f"  out[{at}]={row}" for at, row in enumerate(rows)), "  return out"]
     names: dict[str, Any] = {**(scope or (_SINGLE if single else _SCOPE)), "pi": math.pi}
     # Only text from `scenes.worlds` is compiled, never text from a user.
-    exec("\n".join([*lines, " return rate"]), names)  # noqa: S102 - as just said
+    exec("\n".join([*lines, " return rate"]), names)  # noqa: S102 - see the comment above
     return names["rates"]
 
 

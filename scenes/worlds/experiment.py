@@ -71,7 +71,7 @@ class Situation:
 
     @property
     def errors(self) -> tuple[str, ...]:
-        """Names of the constants that are errors of the position instrument; none if the prompt admits no error."""
+        """Names of the constants that are errors of the position instrument; none if the prompt states no error."""
         return error_names(self.width) if self.bias or self.drift else ()
 
     def errors_at(self, constants: Mapping[str, float], times: Array) -> Array:
@@ -116,7 +116,7 @@ class Situation:
 
     @property
     def turns(self) -> tuple[int, ...]:
-        """Indices of the legs that are planned together, because an episode has few iterations."""
+        """Number of legs in each iteration. They are planned together, because an episode has few iterations."""
         size = -(-self.legs // TURNS)
         return tuple(min(size, self.legs - begun) for begun in range(0, self.legs, size))
 

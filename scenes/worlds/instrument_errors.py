@@ -1,8 +1,8 @@
 """The systematic error of the position instrument of a world: a bias and a drift per coordinate.
 
-The prompt admits it and states bounds. One instrument reads all bodies, so they share the error: a *bias* at time 0,
-which changes uniformly with the laboratory's clock by the *drift*, as if read by a camera whose mount is displaced and
-creeps.
+The prompt says that there is an error, and states its bounds. One instrument reads all bodies, so they share the error:
+it is the *bias* at time 0 and changes uniformly with the laboratory's clock by the *drift*, as if a camera whose mount
+is displaced and creeps read the positions.
 
 Positions have the error, and velocities have none:
 
@@ -14,7 +14,7 @@ Positions have the error, and velocities have none:
   1 m/s and a drift of 0.1 m/s² gave right answers in 8 of 10 worlds of level 2.
 - One reading at rest does not remove it, because of the drift: no position after the start is known.
 
-A fit treats the errors as nuisance constants with a normal prior, whose standard deviation is the admitted bound.
+A fit treats the errors as nuisance constants with a normal prior, whose standard deviation is the stated bound.
 Readings are linear in them, so they are eliminated in closed form: misfits are whitened with their covariance.
 """
 
@@ -27,7 +27,7 @@ import numpy as np
 from scenes.fitting import Array
 
 LEAST = 0.5
-"""Smallest drawn error, as a share of the admitted bound."""
+"""Smallest drawn error, as a share of the stated bound."""
 _ONE = ("instrument_bias", "instrument_drift")
 _TWO = ("instrument_bias_x", "instrument_bias_y", "instrument_drift_x", "instrument_drift_y")
 _NAMES = {1: _ONE, 2: _TWO}
@@ -47,7 +47,7 @@ def draw_errors(width: int, bias: float, drift: float, rng: random.Random) -> di
 
 
 def stated_errors(constants: Mapping[str, float], quantity: str, width: int) -> dict[str, dict[str, list[float]]]:
-    """Return the errors in the form of the model's text element; of an angle, about the z axis."""
+    """Return the errors in the form of the model's text element. Errors of an angle are rotations about the z axis."""
     values = [constants[name] for name in error_names(width)]
     parts = {"bias": values[:width], "drift": values[width:]}
     axes = slice(2, 3) if quantity == "angle" else slice(0, width)
@@ -58,7 +58,7 @@ def stated_errors(constants: Mapping[str, float], quantity: str, width: int) -> 
 
 
 def error_columns(times: Array, bodies: int, width: int) -> Array:
-    """Return the derivative of each reading by each error; shape (times, readings, errors)."""
+    """Return the derivative of each reading with respect to each error; shape (times, readings, errors)."""
     found = np.zeros((len(times), bodies, 2, width, 2 * width))
     for axis in range(width):
         found[:, :, 0, axis, axis] = 1.0
@@ -67,9 +67,10 @@ def error_columns(times: Array, bodies: int, width: int) -> Array:
 
 
 def whitened(misfits: Array, spread: Array) -> Array:
-    """Remove what errors explain from misfits, whose other errors are independent and of variance 1.
+    """Remove from misfits the part that systematic errors explain. Their other errors are independent, of variance 1.
 
-    The sum of the squared results is the least sum of squares of misfits and errors.
+    The sum of the squared results is the smallest sum of squares that any values of the systematic errors give: of the
+    remaining misfits and of these errors, each in standard deviations.
 
     Args:
         misfits: Misfit of each reading [standard deviations]; a column for each trial.

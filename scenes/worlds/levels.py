@@ -32,7 +32,7 @@ class Difficulty:
     looks: int
     """Number of readings of each state that the laboratory allows; a reading takes 0.45 s of laboratory time."""
     strong: float
-    """Forces in questions, as a multiple of the allowed one."""
+    """Forces in questions, as a multiple of the largest allowed one."""
     kinds: tuple[str, ...] = ("strong", "far", "late")
     """Possible kinds of questions. A world has three questions, of different kinds if possible."""
     bound: float = 0.25

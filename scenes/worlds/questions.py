@@ -1,8 +1,7 @@
 """Questions of a world: situations that its laboratory does not allow, and the requested quantity.
 
 A question starts from the initial state of the apparatus, without a wall. Visible bodies are placed at given positions
-and released at a given time. The placement is not part of the history: hidden bodies are unchanged, and the path length
-is 0.
+and released at a given time. Placing a body affects no hidden body and adds nothing to the path length.
 """
 
 from dataclasses import dataclass

@@ -64,9 +64,9 @@ class WorldRecord(_Line):
     looks: int = Field(ge=2, le=1000)
     noise: float = Field(ge=0)
     bias: float = Field(default=0.0, ge=0)
-    """Largest admitted bias of the position instrument [m, rad]. `constants` contains the bias itself."""
+    """Bound that the prompt states for the bias of the position instrument [m, rad]. `constants` contains the bias."""
     drift: float = Field(default=0.0, ge=0)
-    """Largest admitted drift of the position instrument [m/s, rad/s]."""
+    """Bound that the prompt states for the drift of the position instrument [m/s, rad/s]."""
     questions: tuple[Question, ...]
 
     @model_validator(mode="after")

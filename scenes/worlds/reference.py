@@ -1,7 +1,8 @@
 """Reference protocols for worlds, which push the bodies, fit a law and predict the answers.
 
-`protocol` gets the structure of a world but not its constants. It shows that a world can be solved within its limits;
-`solution.py` of a pack contains the record and calls it. `blind_protocol` gets only the prompt and the grammar.
+`protocol` uses the structure of a world but not its constants. It shows that a world can be solved within its limits.
+The `solution.py` of a pack contains the record and calls `protocol`. `blind_protocol` uses only the prompt and the
+grammar.
 """
 
 from collections.abc import Callable, Generator, Mapping

@@ -60,7 +60,7 @@ def _as_good(rivals: Iterator[Fit], drawn: Fit) -> Iterator[Fit]:
 
 
 def _right(fit: Fit, asked: Sequence[Question], key: Array) -> bool:
-    """Return whether all answers by a rival law are right by the answer key."""
+    """Return whether every answer computed from the fitted law would be graded as correct."""
     found = answers(fit.structure, named(fit.structure, fit.unit[:, None]), asked, _STEP_S)[:, 0]
     return bool((np.abs(found - key) <= tolerance(key)).all())
 

@@ -31,7 +31,8 @@ width of a restart."""
 _PLAIN = 0.5
 """Share of the restarts that begin without modulations."""
 _DEVIATIONS = 3.0
-"""A structure explains the readings if chi-square exceeds its mean by at most this many standard deviations."""
+"""A structure explains the readings if chi-square exceeds its expected value by at most this many standard deviations.
+"""
 _TOLD = 2
 """Number of times that the path is smoothed if the structure is known."""
 _POINTS, _STARTS, _TRIES = 400, 8, 4

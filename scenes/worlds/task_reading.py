@@ -50,7 +50,7 @@ def situation_of(prompt: str) -> Situation:
 
 
 def _systematic(prompt: str) -> tuple[float, float]:
-    """Parse the largest bias and drift of the position instrument; zeros if the prompt admits none."""
+    """Parse the largest bias and drift of the position instrument; zeros if the prompt states none."""
     line = re.search(r"The instrument for (?:positions|angles) also adds an error[^\n]*", prompt)
     bias, drift = (
         re.search(rf"between -\S+ and (\S+) {unit}", line[0]) if line else None

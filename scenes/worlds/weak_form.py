@@ -88,7 +88,7 @@ class Legs:
 
     @classmethod
     def of(cls, course: Course, told: Situation) -> "Legs":
-        """Create legs that are linearised around the readings, less the error that an instrument seems to have."""
+        """Create legs that are linearised around the readings minus the estimated error of the position instrument."""
         bare = Structure(told.apparatus, (), told.radius)
         path = np.vstack([np.array(bare.start)[: bare.read], course.readings])
         if told.errors:
@@ -186,7 +186,7 @@ class Legs:
         return end[: structure.read].transpose(1, 0, 2)
 
     def about(self, structure: Structure, unit: Array) -> "Whitened":
-        """Return the legs, whitened with the derivatives of their ends by a law."""
+        """Return the legs with whitened misfits. A law gives the derivative of each leg's end by its start."""
         size = structure.read
         constants = named(structure, np.repeat(unit[:, None], size + 1, axis=1))
         shift = _SHIFT * np.column_stack([np.zeros(size), np.eye(size)])

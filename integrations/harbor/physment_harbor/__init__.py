@@ -1,5 +1,5 @@
 """Creates task folders for the Harbor framework.
 
-Each task is one variant of a scene. It has a reference solution that makes the experiments, and is graded from the
+Each task is one variant of a scene. Its reference solution makes the experiments. Its grade is computed from the
 laboratory's log.
 """

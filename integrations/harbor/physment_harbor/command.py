@@ -120,7 +120,7 @@ def rewards(log: Path, episode: Path, scenes_dir: Path | None) -> dict[str, floa
 
     Returns:
         `reward` and `strict`: 1 if the answer is strictly correct, otherwise 0; `normalised`: the same by normalised
-        grading; `graded`: the share of its parts that are right; `answered`; `calls`.
+        grading; `graded`: the share of the answer's parts that are right; `answered`; `calls`.
 
     Raises:
         UsageError: A file cannot be read, or the scene has no key.

@@ -18,9 +18,9 @@ _PROGRAMS = Path(__file__).with_name("programs")
 SERVICE = "laboratory"
 """Name of the container of the laboratory, and its name in the network of the task."""
 _EVIDENCE = "/laboratory/calls.json"
-"""The log of calls: where the laboratory may write it, and where the verifier finds it."""
+"""Path of the call log, in the laboratory's container, which writes it, and in the verifier's container."""
 _CALLS = 200
-"""Limit of calls if the scene has none: that of an external agent with 20 iterations."""
+"""Smallest limit of calls for a scene without a limit; an external agent with 20 iterations has the same limit."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -29,11 +29,11 @@ from scenes import reference_of
 
 Graded = Sequence[tuple[Episode, GradeRecord]]
 SCORER = "laboratory_grade"
-"""Name of the scorer with which the task grades, too."""
+"""Name of the scorer; the task uses the same name."""
 
 
 def write_inspect_logs(folder: Path, run: RunRecord, graded: Graded) -> list[Path]:
-    """Write a log for each agent, budget, prompting and protocol of a run.
+    """Write a log for each combination of agent, budget, prompting and protocol in a run.
 
     Args:
         folder: Target folder.

@@ -10,7 +10,7 @@ from physment_openenv.server.environment import PhysmentEnvironment
 from openenv.core.env_server.http_server import create_app
 
 SESSIONS_VARIABLE = "PHYSMENT_OPENENV_SESSIONS"
-"""Environment variable with the most sessions at a time."""
+"""Environment variable with the largest number of simultaneous sessions."""
 
 app = create_app(
     PhysmentEnvironment,

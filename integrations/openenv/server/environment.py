@@ -45,7 +45,7 @@ class PhysmentEnvironment(Environment[PhysmentAction, PhysmentObservation, Physm
 
         Args:
             seed: Variant of the scene; without a split, None and 0 mean the scene as written.
-            episode_id: Id of the episode; by default that of the referee.
+            episode_id: Id of the episode; by default the id that the referee assigned.
             scene: Id of the scene.
             budget: Number of actions.
             prompting: `zero-shot`, `one-shot-cot` or `few-shot-cot`.

@@ -18,7 +18,7 @@ Worth = Literal["strict", "graded", "chance_corrected"]
 
 
 class InProcessPhysMent(LaboratoryEnvironment):
-    """Plays and grades in this process. Names variants by scene and seed, or by split and index."""
+    """Plays and grades in this process. A row names its variant by scene and seed, or by split and index."""
 
     def __init__(self, worth: Worth = "strict", scenes_dir: Path | None = None, law: bool = False) -> None:
         """Create the environment without an episode.

@@ -68,5 +68,5 @@ def _type_of(schema: dict[str, Any]) -> Any:
         return list[_type_of(schema["items"])]
     if schema["type"] == "object":
         values = schema["additionalProperties"]
-        return dict[str, _type_of(values) if values else Any]  # False: it has named fields
+        return dict[str, _type_of(values) if values else Any]  # False for an object with named fields
     return _KINDS[schema["type"]]

@@ -29,7 +29,7 @@ class RefereedEpisode:
     """An open episode of a referee."""
 
     def __init__(self, referee: Referee, opened: OpenedEpisode) -> None:
-        """Prepare; the first call connects."""
+        """Store the episode; the first call connects."""
         self.prompt = opened.prompt
         self._referee, self._opened = referee, opened
         self._laboratory = Laboratory(opened.mcp_url, opened.player_token)

@@ -52,7 +52,7 @@ class PhysmentTask(vf.Task[PhysmentData, LaboratoryState, PhysmentTaskConfig]):
     """One episode: the referee opens it before the first turn and grades it after the last."""
 
     _checked: OpenedEpisode | None = None
-    """The episode that was opened last, for checks that nobody plays."""
+    """The episode that `setup` opened last; `validate` closes it, because no model plays it."""
 
     @property
     def key(self) -> str:
@@ -137,20 +137,20 @@ class PhysmentConfig(vf.TasksetConfig):
     scenes: str = ""
     """Ids and ranges such as `7,21-30`; 7 if nothing names a variant."""
     seeds: str = ""
-    """Ids and ranges of seeds (1); every scene comes with each."""
+    """Seeds and ranges of seeds (default 1); every scene is played with every seed."""
     split: str = ""
-    """A split, such as `train`, whose variants the following name."""
+    """A split, such as `train`; the options that follow select its variants."""
     levels: str = ""
-    """Levels of generated worlds, such as `1-3`, instead of scenes; the following name the worlds of each level."""
+    """Levels of generated worlds, such as `1-3`, instead of scenes; the options that follow select worlds of each."""
     indices: str = ""
     """Indices in the split or the level, such as `0-99`."""
     random_seeds: str = ""
     """Numbers such as `1-100`, each of which draws an index in the split or the level."""
     curriculum: str = ""
-    """A name: `random_seeds` then draw from the referee's curriculum of this name on the split, or on worlds."""
+    """Name of a curriculum of the referee, on the split or on worlds; `random_seeds` then draw variants from it."""
     pairs: Path | None = None
-    """A file with a line such as {"scene": 7, "seed": 3} or {"split": "train", "index": 0} for each episode, instead of
-    all these."""
+    """A file with a line such as {"scene": 7, "seed": 3} or {"split": "train", "index": 0} for each episode. With a
+    file, the options above are ignored."""
     task: PhysmentTaskConfig = PhysmentTaskConfig()
 
 

@@ -186,7 +186,7 @@ def annotate(overlay: Overlay, optics: Optics, objects: Mapping[str, Array], not
         overlay: The layer to draw on.
         optics: The projection.
         objects: Label of an object → its corners (n, 3) [m], which are inside the image.
-        notes: Lines below the upper edge of the image.
+        notes: Lines of text at the upper edge of the image.
     """
     taken = [_axes(overlay, optics), _scale(overlay, optics)]
     taken += _notes(overlay, notes)

@@ -250,5 +250,5 @@ def ground_below(model: mujoco.MjModel, boxes: Sequence[GeomBox], optics: Optics
     if not np.isfinite(lowest):
         lowest = float(view.centre[2])
     across = optics.width / optics.pixels_per_metre
-    # A hair lower, so that faces that lie in the grid do not flicker through it.
+    # Slightly lower, so that faces that lie in the grid do not flicker through it.
     return Ground(lowest - gap - 1e-3 * view.extent, across / _CELLS)

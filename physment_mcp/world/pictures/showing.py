@@ -143,7 +143,7 @@ def shown_parts(
         data: Its settled state.
         frames: Bodies to show, each with the frame of its geoms.
         parts: Geoms that may be shown.
-        turns: Body → the orientation (4,) in which its geoms are shown, in place of its own.
+        turns: Body → the orientation (4,) in which its geoms are shown instead of their present one.
         revealed: Bodies that are shown opaque.
     """
     found: dict[str, list[ShownPart]] = {}

@@ -7,7 +7,7 @@ PUSH_S = 1.0
 
 
 def solve(task):
-    """Reveal it, then one push, one reading."""
+    """Reveal the hidden object, push it once and read its speed."""
     found = yield [call("find_objects")]
     hidden = found[0]["revealed"][0]["object_id"]
     readings = yield [

@@ -11,7 +11,7 @@ ASKED_N = 60.0
 FORCES_N = (10.0, 9.0, 8.0, 7.0, 6.0, 5.5)
 SETTLE_S = 15.0
 ERROR_M_S = 2e-3
-"""Standard deviation of a speed: what is left of the approach to the steady one counts more than rounding."""
+"""Standard deviation of a speed: the remaining difference from the steady speed is larger than the rounding."""
 TERMS = {"dry and linear": (0, 1), "dry and quadratic": (0, 2), "linear and quadratic": (1, 2)}
 
 
@@ -33,7 +33,7 @@ def steady(force):
 
 
 def law(pushes, terms):
-    """The factors f, c, k of the law with these powers of the speed, and the largest force that it leaves over."""
+    """The factors f, c, k of the law with these powers of the speed, and its largest residual force."""
     forces, speeds = np.array(pushes).T
     powers = np.array([speeds**power for power in terms]).T
     found = np.linalg.lstsq(powers, forces, rcond=None)[0]
@@ -44,7 +44,7 @@ def law(pushes, terms):
 
 
 def speed(f, c, k, force):
-    """Where the resistance f + c v + k v² equals a force."""
+    """The speed at which the resistance f + c v + k v² equals a force."""
     excess = max(force - f, 0.0)
     return excess / c if abs(k) < 1e-12 else (sqrt(c * c + 4 * k * excess) - c) / (2 * k)
 
@@ -55,7 +55,7 @@ def theory(knobs):
 
 
 def measure(engine, knobs):
-    """The motor, pushing."""
+    """The steady speed in the engine."""
     engine.push("object_1", force=[ASKED_N, 0.0, 0.0])
     engine.step(engine.whole_steps(40.0))
     return float(engine.twist("object_1").linear[0])
@@ -78,7 +78,7 @@ def fit(readings, structure):
 
 
 def rivals(readings):
-    """Every pair of terms, fitted."""
+    """The fit of every pair of terms."""
     pushes = last_speeds(readings)
 
     def weighed(terms):
@@ -96,7 +96,7 @@ def rivals(readings):
 
 
 def settles(engine, knobs, off):
-    """By how much the speed is off in the end if the cart starts off the asked one."""
+    """The relative error of the speed at the end if the cart starts with the relative error `off`."""
     asked = theory(knobs)
     engine.set_velocity("object_1", [(1 + off) * asked, 0.0, 0.0])
     engine.push("object_1", force=[ASKED_N, 0.0, 0.0])
@@ -111,7 +111,7 @@ def stage(task):
 
 
 def naive(knobs):
-    """Carry the speed at 10 N over, in proportion to the force or to its root."""
+    """Extrapolate the speed at 10 N in proportion to the force, or to its square root."""
     known = speed(knobs["f"], knobs["c"], knobs["k"], 10.0)
     return {"proportional": known * ASKED_N / 10, "root": known * sqrt(ASKED_N / 10)}
 

@@ -1,4 +1,4 @@
-"""Makes a list of tool calls over MCP, with the standard library alone.
+"""Makes the tool calls that a file lists, over MCP. Standard library only.
 
 play.py URL FILE    FILE holds [{"tool": "step", "arguments": {"duration": 1}}, …]
 """
@@ -26,7 +26,7 @@ class McpSession:
         self._send({"jsonrpc": "2.0", "method": "notifications/initialized"})
 
     def ask(self, method: str, params: dict[str, Any]) -> dict[str, Any]:
-        """The result of a request."""
+        """Send a request and return its result."""
         self._number += 1
         text = self._send({"jsonrpc": "2.0", "id": self._number, "method": method, "params": params})
         # A reply is one JSON object, or a stream of events, the last of which contains the object.
