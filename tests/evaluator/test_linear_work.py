@@ -20,7 +20,7 @@ from tests.builders.counting import calls_made
 from tests.builders.records import RIGHT, episode, returned, turn
 
 MOST = 2.5
-"""Bound on the growth of the work when a text becomes twice as long: 2 and some room for what each text costs."""
+"""Bound on the growth of the work when a text becomes twice as long: 2, and a margin for the fixed work per text."""
 ANSWERS = [
     *("1", " ", "(", "[", "{", "-", "1 ", "a ", "1,", "\\frac{", "^{", "a=", "1/", "[1,", "is ", "_", "\\", "m/", "\n"),
 ]

@@ -31,7 +31,7 @@ def test_both_guess_in_the_same_range() -> None:
     ("key", "expected"),
     [
         (KEYS["choice"], (1 / 3, 1 / 3)),
-        # ln(1.05 / 0.95) / ln(10⁴), whatever the size.
+        # ln(1.05 / 0.95) / ln(10⁴), for a key of any size.
         (AnswerKey(3.0, AnswerSpec(kind=AnswerKind.NUMBER)), (0.010866, 0.010866)),
         (AnswerKey(-3.0, AnswerSpec(kind=AnswerKind.NUMBER)), (0, 0)),
         (AnswerKey(5000.0, AnswerSpec(kind=AnswerKind.NUMBER)), (0, 0)),

@@ -82,7 +82,7 @@ def test_a_common_notation_of_the_right_number_is_forgiven(answer: str, value: f
         ("2.5 1/2", 3.0, None),
         ("1 250/300", 1.8333, None),  # 1250/300 with a thousands separator
         ("2½ or 3", 2.5, None),
-        (r"2\frac{1}{2}", 2.5, None),  # to some, a product
+        (r"2\frac{1}{2}", 2.5, None),  # some read it as a product
         (r"2 {\frac{1}{2}}", 2.5, None),
         (r"2\,\frac{1}{2}", 2.5, None),
         (r"\SI{7.85}{m/s}", 7.85, "m"),
@@ -166,7 +166,7 @@ SIDES = choice(2, "0", "1", "2")
         ("7rd", BAYS, WRONG),
         ("12nd", choice(12, *map(str, range(1, 13))), WRONG),
         ("17th", BAYS, WRONG),
-        ("2nd", SIDES, WRONG),  # the second of these is 1
+        ("2nd", SIDES, WRONG),  # the second option is 1
         ("2nd", choice(1, "0", "1", "2"), WRONG),
         ("2nd", published(2, "observation"), WRONG),
         ("option 2", choice("they part", "they stay", "they part"), WRONG),
@@ -219,7 +219,7 @@ DRAG = formula("2*x*v^2", "x", "v")
         ("not = 2xv^2", DRAG, WRONG),
         ("2xv^2 or 3xv^2", DRAG, WRONG),
         ("x = 2 x v^2", DRAG, WRONG),  # an equation in the variables
-        ("1/xv", formula("1/(x*v)", "x", "v"), WRONG),  # 1/x times v, to some
+        ("1/xv", formula("1/(x*v)", "x", "v"), WRONG),  # some read it as 1/x times v
         ("1/xv", formula("v/x", "x", "v"), WRONG),
         ("2^xv", formula("2^(x*v)", "x", "v"), WRONG),
         ("2^-xv", formula("2^(-x*v)", "x", "v"), WRONG),

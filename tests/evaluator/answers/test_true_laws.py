@@ -71,13 +71,13 @@ def test_every_open_world_asks_for_a_law() -> None:
 def test_the_engine_moves_bodies_by_the_law_that_grades_compare_with(scene: int) -> None:
     true = law_of(scene)
     course = courses_of(true, far=False)[2]
-    turns = any(axis == "angle" for _, axis, _ in true.model.coordinates)  # a wheel cannot be put to an angle
+    turns = any(axis == "angle" for _, axis, _ in true.model.coordinates)  # `put` cannot set an angle
     if turns:
         course = course._replace(places=[0.0], speeds=[0.0])
     looks = true.motion.followed(course)
     assert looks is not None
     engine, seen = Engine(model_without_walls(scene, 3)), list[list[float]]()
-    if CATCH in engine.bodies:  # as in the questions, beyond the rim
+    if CATCH in engine.bodies:  # this switches the catch off, as in the questions
         engine.place(CATCH, np.array([0.0, 0.0, 1.0]), {})
     put(engine, true, course.places, course.speeds)
     for loads in course.loads:

@@ -40,7 +40,7 @@ def test_intervals_of_simulated_takers_cover() -> None:
         for _ in range(8):
             abilities, difficulties = covered(drawn(design, source))
             found += [*abilities, *difficulties]
-    # The takers of a replication share the error of the scale, so the share scatters more than 1300 intervals would.
+    # The takers of a replication share the error of the scale, so the share varies more than for independent intervals.
     assert 0.92 < np.mean(found) < 0.98
 
 
@@ -54,7 +54,7 @@ def test_a_fit_of_twenty_agents_105_scenes_and_five_seeds_finds_what_was_put_in(
 
 
 def test_with_the_same_answers_to_every_scene_abilities_are_those_of_logistic_regression() -> None:
-    # Without any difference between scenes the ability is the logit of the share, drawn to 0 by the prior.
+    # If scenes do not differ, an ability is the logit of the share of right answers; the prior shifts it towards 0.
     counts = {("a", scene, 0): (int(scene < 300), 1) for scene in range(400)}
     counts |= {("b", scene, 0): (int(scene % 2 == 0), 1) for scene in range(400)}
     found = fit(counted_responses(counts), np.zeros((400, 1)))
@@ -72,7 +72,7 @@ def test_the_gradient_is_that_of_the_density() -> None:
 
 
 def test_the_grid_integrates_as_quadrature_does() -> None:
-    # One scene with two variants; the integral over rest and deviations by adaptive quadrature.
+    # One scene with two variants. Adaptive quadrature integrates over the scene's rest and the variants' deviations.
     data = counted_responses({("a", 1, 0): (1, 1), ("b", 1, 0): (0, 1), ("a", 1, 1): (2, 3), ("b", 1, 1): (1, 1)})
     posterior = _Posterior(data, np.zeros((1, 1)))
     parameters = np.array([0.7, -0.4, 0.0, math.log(1.2), math.log(0.6)])
@@ -96,7 +96,7 @@ def test_variance_components_by_hand() -> None:
     data = counted_responses({(t, s, v): (one, 1) for (t, s), one in right.items() for v in (0, 1)})
     found = components(data)
     assert found is not None
-    # The interaction is ±1/4 in every cell: mean square 2 · (4/16) / 1 = 1/2, of which each variant has none.
+    # The interaction is ±1/4 in all four cells: mean square 2 · (4/16) / 1 = 1/2, variance 1/2 / 2. Variants are equal.
     assert found[:3] == (pytest.approx(0.25), 0.0, 0.0)
     assert found.smallest_difference(100, 2, 1) == pytest.approx(DETECTED * (2 * 0.25 / 100) ** 0.5)
     once = counted_responses({("a", 1, 0): (1, 2), ("b", 1, 0): (0, 2), ("a", 2, 0): (1, 2), ("b", 2, 0): (2, 2)})

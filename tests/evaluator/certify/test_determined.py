@@ -89,7 +89,7 @@ def test_members_are_compared_on_the_same_readings(author: Author, files: PackFi
 def test_an_asked_state_that_a_disturbance_drives_away_is_detected(
     author: Author, files: PackFiles, episodes: list[Episode]
 ) -> None:
-    # At 28.5 m/s, the key of seed 0 without air, forces balance as before, but a cart that is faster is pushed.
+    # The added force is 0 at 28.5 m/s, the key of seed 0 without air, and drives the cart away from this speed.
     law = {"on": "object_1", "force": ["50 * (vx - 28.5) if abs(vx - 28.5) < 3 else 0", "0", "0"]}
     author.replace(files.mjcf, 'density="5e-08"', 'density="0"')
     author.edit(files, lambda pack: pack.update(laws=[law], derive=pack["derive"] | {"k": "0.0"}))

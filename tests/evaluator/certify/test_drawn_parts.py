@@ -64,7 +64,7 @@ def test_a_law_that_is_not_present_and_has_no_value_somewhere_is_found(force: st
     (sentence,) = absent_laws_without_value([model(LAW), model(absent, LAW)], ["object_1"], 5.0, 0.0)
     assert "at seed 1 a law that is not present has no finite value in motion" in sentence
     assert list(absent_laws_without_value([model(absent)], ["object_1"], 0.0, 0.0)) == []
-    # A law that is present must fail the step.
+    # A law that is present is not reported here: it makes the step fail.
     assert list(absent_laws_without_value([model(absent | {"factor": 1.0}, LAW)], ["object_1"], 5.0, 0.0)) == []
 
 

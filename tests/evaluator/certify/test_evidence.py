@@ -157,7 +157,7 @@ def test_a_discrete_value_is_a_rival_until_a_reading_excludes_it(
 
 @pytest.mark.parametrize("scene", [14, 70])
 def test_a_constant_without_effect_at_other_discrete_values_does_not_explain_the_readings(scene: int) -> None:
-    # At the sampled values, one of two objects differs by a factor. At the rival's, both are alike for every factor.
+    # At the sampled values, a factor distinguishes one of two objects. At the rival's values, both are always equal.
     subject = Subject.open(find_pack(scene))
     episode = anyio.run(play_reference, subject, 0, MemoryConnector())
     found = measured(subject, 0, episode, "0" * 64)
@@ -224,7 +224,7 @@ def test_a_theory_that_fails_beside_the_drawn_values_leaves_the_episode_unmeasur
 
 @pytest.fixture
 def ridge(tmp_path: Path) -> Callable[[list[float]], tuple[Subject, Episode]]:
-    """Plays readings of a puck on an unstable equilibrium; the growth rate is 1/s and the laboratory ends at ±1 m."""
+    """Plays readings of a puck on an unstable equilibrium; the growth rate is 1/s, and stops limit it to ±1 m."""
 
     def play(waits: list[float]) -> tuple[Subject, Episode]:
         look = 'call("get_position", object_id="object_1")'
@@ -255,7 +255,7 @@ RIDGE_NOISE = 0.01
 def test_a_reading_beyond_the_horizon_of_unstable_motion_does_not_count(
     ridge: Callable[[list[float]], tuple[Subject, Episode]],
 ) -> None:
-    """After 20 s, a shift of 1e-4 of the range drives the puck to an end: both one-sided derivatives are 1e4 m."""
+    """After 20 s, a shift by 1e-4 of the range drives the puck to a stop: both one-sided derivatives are 1e4 m."""
     subject, episode = ridge([2.0, 18.0])
     early, late = measured(subject, SEED, episode, "").calls
     tolerance = 0.05 * (float(str(subject.draw(SEED).knobs["top"])) + 3)

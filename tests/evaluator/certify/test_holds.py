@@ -62,7 +62,7 @@ def held_by(force: str, **others: str) -> list[dict[str, Any]]:
 
 
 def drawn(pack: dict[str, Any]) -> None:
-    """Return a model of two carts of mass m: a latch at 1 m holds the first permanently, stops limit the second."""
+    """Give a pack two carts of mass m: a latch at 1 m holds the first permanently, and stops limit the second."""
     pack["metadata"]["task"] = (
         "Two carts run on rails. As soon as object_1 is more than 1 m from x = 0, a latch draws it to 1.1 m and holds"
         " it for good. Soft stops keep object_2 within 1.2 m of x = 0. Which force?"

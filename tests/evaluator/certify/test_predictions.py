@@ -264,7 +264,7 @@ def test_lint_tries_a_law_in_motion_where_it_is_not_present(author: Author, file
 
 async def test_twins_are_compared_in_everything_whatever_the_limit_of_calls(author: Author, files: PackFiles) -> None:
     author.edit(files, lambda pack: pack["limits"].update(calls=1))
-    # Only the last of the reading tools, which no limited session would reach, sees the centre of mass.
+    # Only the last reading tool shows the centre of mass. A session limited to one call would not reach this tool.
     may = {"geom_type": False, "geom_size": False, "body_pos": True, "body_mass": True, "velocity": False}
     author.edit(files, lambda pack: pack["object_permissions"].update(object_1_permissions=may))
     author.edit(files, lambda pack: pack["apply"].update({"geom[object_1_geom].pos": ["0.1 * k", "0", "0"]}))

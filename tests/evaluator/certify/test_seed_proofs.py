@@ -110,7 +110,7 @@ def test_a_count_of_seeds_is_filled_by_the_next_seed_that_is_proved(
 ) -> None:
     bad = heavy(files, range(3, 200))
     first = bad[0]
-    spare = range(bad[1], 1000)  # the first seed that could take the place fails, too
+    spare = range(bad[1], 1000)  # the first replacement fails, too
     run = config(files, [0, first], spare)
     plan, proofs = prove_seeds(run, plan_of(run))
     other = next(seed for seed in spare if mass(files, seed) < HEAVY_KG)
@@ -142,7 +142,7 @@ def test_certified_seeds_need_no_proof_and_those_of_uncertified_scenes_get_none(
     run = config(files, [0, 1, 2])
     plan, proofs = prove_seeds(run, plan_of(run))
     assert (plan, proofs.model_dump(mode="json")) == (plan_of(run), {})
-    Author(files.folder.parent).replace(files.solution, "min(4.0,", "min(4.5,")  # the certificate is of another pack
+    Author(files.folder.parent).replace(files.solution, "min(4.0,", "min(4.5,")  # invalidates the certificate
     run = config(files, [0, 7])
     assert prove_seeds(run, plan_of(run))[1].unproved == {"7": (0, 7)}
     assert not cache.exists()
@@ -155,7 +155,7 @@ def test_a_proof_is_kept_for_its_pack(files: PackFiles, cache: Path) -> None:
     (file,) = cache.iterdir()
     stored = json.loads(file.read_text(encoding="utf-8"))
     assert (stored["pack"], stored["seed"], "failed" in stored) == (pack_hash(files), good, False)
-    # A cached proof is believed: this one was changed.
+    # A cached proof is trusted, so the failure that is written into this one is reported.
     file.write_text(json.dumps(stored | {"failed": ["key"]}) + '\n{"torn', encoding="utf-8")
     with pytest.raises(UsageError, match=f"seed {good} cannot be proved"):
         prove_seeds(run, plan_of(run))

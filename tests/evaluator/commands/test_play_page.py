@@ -388,7 +388,7 @@ def test_dragging_an_object_draws_a_force_within_the_limit_into_the_form_and_sen
     tmp_path: Path, host_url: str
 ) -> None:
     assert PROGRAM
-    # The glider is not watched: it is dragged at its last reading.
+    # The glider is not drawn: it is dragged at the place of its last reading.
     with (
         playing(tmp_path, host_url, scene=28) as played,
         chromium(PROGRAM, tmp_path / "profile", *SOFTWARE_WEBGL) as page,
@@ -433,7 +433,7 @@ def test_dragging_an_object_draws_a_force_within_the_limit_into_the_form_and_sen
 @pytest.mark.skipif(PROGRAM is None, reason="Chromium is not installed")
 def test_a_scene_of_which_only_one_point_is_known_has_axes_and_a_scale(tmp_path: Path, host_url: str) -> None:
     assert PROGRAM
-    # Nothing is watched, and the only fixed point is the end of a spring.
+    # No object is drawn, and the only fixed point is the end of a spring.
     with (
         playing(tmp_path, host_url, scene=101) as played,
         chromium(PROGRAM, tmp_path / "profile", *SOFTWARE_WEBGL) as page,
@@ -557,7 +557,7 @@ def test_a_finger_draws_a_force_on_an_object_and_scrolls_the_page_elsewhere(
 
         def swipe(selector: str, right: float, down: float, dx: float, dy: float) -> float:
             """Swipe from a point relative to the middle of an element; return by how much the page scrolled [px]."""
-            # A page that still scrolls from the swipe before would leave the box elsewhere.
+            # If the page still scrolled from the previous swipe, the box would not stay in the middle.
             page.run(RESTING)
             page.run("document.querySelector('.lab-box').scrollIntoView({ block: 'center' })")
             page.run(RESTING)

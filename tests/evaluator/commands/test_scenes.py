@@ -60,7 +60,7 @@ def test_verify_writes_certificates_and_says_why_a_scene_is_not_sound(packs: Pat
 
 def test_an_interrupted_verify_keeps_what_it_has_proven(packs: Path) -> None:
     words = ("verify", "--scenes-dir", str(packs), "--seeds", "400", "--jobs", "2")
-    edit(packs / "Scene7" / "solution.py", "yield [answer", "yield [answer[")  # certified at once: it cannot be read
+    edit(packs / "Scene7" / "solution.py", "yield [answer", "yield [answer[")  # ends at once, with a syntax error
     with subprocess.Popen(
         [*COMMAND, *words],
         stdout=subprocess.PIPE,
@@ -108,7 +108,7 @@ def test_list_and_run_say_on_which_engine_the_certificates_hold(packs: Path) -> 
     note = f"hold on MuJoCo 0.1, but {engine} is installed here"
     listed = physment_eval("scenes", "list", *folder).stdout
     assert ("certificate on MuJoCo 0.1" in listed, note in listed) == (True, True)
-    # It is said before the first episode; here the run cannot begin, because there is no server.
+    # The note precedes the first episode: it is printed although this run cannot begin, for lack of a server.
     done = physment_eval("run", "--scenes", "7", "--server", "http://127.0.0.1:9", "--out", packs / "run", *folder)
     assert (done.returncode, note in done.stderr) == (2, True)
 

@@ -166,7 +166,7 @@ def test_seeds_of_a_world_are_other_noise(
     assert shown[1] == shown[2]
     assert "key at every seed" in "".join(shown[0])
     other = [line for line, now in zip(shown[0], shown[1], strict=True) if line != now]
-    assert all(line.startswith("| object_") for line in other)  # readings of the start
+    assert all(line.startswith("| object_") for line in other)  # only readings at the start differ
     out = tmp_path / "run"
     run = [
         "run",

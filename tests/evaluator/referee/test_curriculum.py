@@ -182,7 +182,7 @@ def test_a_curriculum_that_is_reset_during_a_draw_is_deleted_after_it() -> None:
         def move_to_end(self, key: str, last: bool = True) -> None:
             resets.append(threading.Thread(target=curricula.reset, args=("a",)))
             resets[0].start()
-            resets[0].join(0.2)  # returns early if the reset can run here
+            resets[0].join(0.2)  # ends before 0.2 s if nothing blocks the reset
             super().move_to_end(key, last)
 
     curricula._named = Interrupted(curricula._named)  # pyright: ignore[reportPrivateUsage] - no other way to interleave

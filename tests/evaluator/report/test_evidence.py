@@ -28,7 +28,7 @@ def measured(row: ScoredEpisode, *bounds: float, rivals: int = 0) -> ScoredEpiso
 
 @pytest.fixture(scope="module")
 def run() -> Run:
-    """A run of a model with each verdict of the evidence once and one unmeasurable episode, and of the reference."""
+    """A run of the reference and a model. The model has each verdict of evidence once, and an unmeasurable episode."""
     model = [played(scene, "model:x", 20, right=scene % 2 == 0) for scene in range(7, 12)]
     unmeasurable = EvidenceRecord(key=model[4].key, episode="0", not_measurable="a formula")
     rows = [

@@ -31,7 +31,7 @@ LABELS = """(() => {
   const labels = [...document.querySelectorAll('.film-box :is(.lab-label, .lab-scale, .lab-grid):not([hidden])')];
   return [document.querySelector('.film-box'), ...labels].map((shown) => inside(shown.getBoundingClientRect()));
 })()"""
-"""Left, upper, right and lower edges [px] of the picture, and of its labels with those of the scale."""
+"""Left, upper, right and lower edges [px]: first of the picture, then of each label, those of the scale included."""
 
 
 @pytest.fixture(scope="module")

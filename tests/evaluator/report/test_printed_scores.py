@@ -23,7 +23,8 @@ from tests.builders.scored import scored
 TITLES = ("C", "E", "G", "V", "R", "G′")
 SCORES = ("Final Score", "Score", "FS", "Avg. FS")
 ROUNDING = 0.05 + 0.05
-"""Six dimensions with three decimals and weights that add up to 1, and a score with one decimal."""
+"""Largest rounding error of a score: 0.05 from its one decimal, and 0.05 from the three decimals of the six dimensions,
+whose weights add up to 1."""
 READ = returned("get_position", {"position": [0.0, 0.0, 1.951]}, object_id=1)
 
 
@@ -73,7 +74,7 @@ def checked(titles: Sequence[str], rows: Sequence[Sequence[str]]) -> int:
     """Recompute the scores of a printed table; returns the number of scores."""
     if not set(TITLES) <= set(titles):
         return 0
-    # The second V is that of enabled tools.
+    # The second column V counts only enabled tools.
     names = [f"{title} again" if title in titles[:place] else title for place, title in enumerate(titles)]
     return sum(check(dict(zip(names, row, strict=True))) for row in rows)
 
@@ -182,7 +183,7 @@ def test_g_has_its_denominator_and_needs_twenty_numbers(run: Run) -> None:
     lines = summary_lines(summarise(rows), rows)
     told = "– (2 numbers in 1 of 53 episodes)"
     assert any(f"   G {told}   G+ {told}   " in line for line in lines)
-    # Of 52 numbers, those that were read are supported: one of each odd episode with an experiment.
+    # Each of 26 odd episodes states two numbers; the first is supported if the episode has an experiment.
     assert (model.n_numbers, model.n_defined["g"]) == (52, 26)
     assert model.g == pytest.approx(sum(number % 3 > 0 for number in range(1, 53, 2)) / 52)
     assert model.v is not None

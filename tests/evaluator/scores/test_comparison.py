@@ -55,7 +55,7 @@ def test_the_better_of_two_agents_is_named_with_the_certainty() -> None:
         side("runs/one", lambda key: key.scene < 22, agents=["x"]),
         side("runs/two", lambda key: key.scene < 32, agents=["y"]),
     )
-    # 40 scenes: 15 against 25, all ten that differ for y: p = 2 / 2¹⁰.
+    # Of 40 scenes, x is right in 15 and y in 25. In all ten that differ, y is right: p = 2 / 2¹⁰.
     assert (found.a, found.b, found.better) == ("x", "y", "b")
     assert (found.strict.first_correct, found.strict.second_correct, found.strict.n) == (15, 25, 40)
     assert found.strict.p_value == pytest.approx(2 / 2**10)
@@ -88,7 +88,7 @@ def test_the_order_of_the_runs_does_not_change_who_is_better() -> None:
     one = side("one", lambda key: key.scene < 22, agents=["x"], seeds=range(3))
     two = side("two", lambda key: key.scene < 40 and key.seed < 2, agents=["y"], seeds=range(3))
     forth, back = compare(one, two), compare(two, one)
-    # 15 scenes of three against 33 scenes of two: 45 and 66 of 120.
+    # x is right in 15 scenes at three seeds, y in 33 scenes at two seeds: 45 and 66 of 120 episodes.
     assert (forth.better, back.better) == ("b", "a")
     assert forth.strict.p_value == back.strict.p_value
     assert forth.strict.difference == -back.strict.difference == pytest.approx(21 / 120)
@@ -275,7 +275,7 @@ def test_the_command_prints_all_numbers_as_json(runs: tuple[str, str], capsys: p
     found = Comparison.model_validate_json(capsys.readouterr().out)
     assert (found.a, found.b, found.better) == ("x[/] (budget 5)", "y (budget 20)", "b")
     assert (found.strict.n, found.strict.n_scenes) == (16, 16)
-    # Nine scenes of nine: 2 / 2⁹.
+    # In all nine scenes that differ, y is right: p = 2 / 2⁹.
     assert found.strict.p_value == pytest.approx(2 / 2**9)
 
 

@@ -1,4 +1,4 @@
-"""Tests that numbers in plans of a text do not count as assertions."""
+"""Tests that numbers in statements of intent, such as "I will try 1 N", do not count as assertions."""
 
 import pytest
 

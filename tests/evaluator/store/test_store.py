@@ -45,7 +45,7 @@ def test_an_unfinished_last_line_is_moved_aside_and_the_rest_is_kept(folder: Run
     torn = content[: last + max(1, int((len(content) - 1 - last) * kept))]
     folder.episodes_file.write_bytes(torn)
     assert [key.scene for key in folder.episodes()] == [7, 8]
-    # Another process may be writing this line: only the writer of the next line moves it aside.
+    # Another process may still be writing this line, so reading leaves it. Appending the next line moves it aside.
     assert folder.episodes_file.read_bytes() == torn
     folder.append_episode(episode_of(9))
     assert [key.scene for key in folder.episodes()] == [7, 8, 9]
@@ -117,7 +117,7 @@ def test_a_run_is_played_by_one_process_at_a_time(folder: RunFolder) -> None:
     with folder.held(), pytest.raises(StoreError, match="is being played by another process"), folder.held():
         pytest.fail("two would play the same episodes")
     with folder.held():
-        assert list(folder.path.iterdir()) == []  # so that a run that never began can be taken away again
+        assert list(folder.path.iterdir()) == []  # so that a folder whose run never began can be removed
 
 
 def test_a_folder_that_cannot_be_made_is_refused_in_one_sentence(tmp_path: Path) -> None:

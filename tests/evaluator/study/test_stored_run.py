@@ -138,7 +138,7 @@ def test_it_is_compared_reported_and_merged_with_a_run_of_today(
     assert main(["report", str(stored.path), str(today.path), "--out", str(tmp_path / "both"), *FROM]) == 0
     page = (tmp_path / "both" / "report.html").read_text(encoding="utf-8")
     assert "Not all of these were played on the same packs" not in page
-    # `merge` refuses two different records of one episode, so each run keeps another half of the episodes.
+    # `merge` refuses two different records of one episode, so each run keeps a different half of the episodes.
     for folder, half in ((stored, slice(0, 4)), (today, slice(4, 8))):
         lines = folder.episodes_file.read_text(encoding="utf-8").splitlines(keepends=True)
         folder.episodes_file.write_text("".join(sorted(lines)[half]), encoding="utf-8")

@@ -388,7 +388,7 @@ def test_the_limit_of_calls_is_the_scenes_or_follows_the_budget_unless_it_is_set
     assert limits.calls == 150
     assert read_public(find_pack(7)).limits is None
     assert agent.calls_for(7, 5) == 50
-    assert agent.calls_for(28, 5) == 151  # the answer is one call more
+    assert agent.calls_for(28, 5) == 151  # 150 calls and the answer
     assert agent.calls_for(999, 5) == 50  # a scene whose pack only the host has
     assert parse_external(words, "host", None, max_calls=7).calls_for(28, 5) == 7
 

@@ -68,7 +68,7 @@ async def test_the_address_alone_reaches_no_guarded_episode() -> None:
     ):
         assert guarded.token
         assert other.token is None
-        with pytest.raises(Exception):  # noqa: B017, PT011 - whatever the client makes of the refusal
+        with pytest.raises(Exception):  # noqa: B017, PT011 - the client chooses how to report the refusal
             async with Client(guarded.mcp_url) as client:
                 await client.list_tools()
         assert "lab" in (await guarded.prompt(episode_key())).lower()

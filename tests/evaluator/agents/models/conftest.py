@@ -19,7 +19,7 @@ OpenService = Callable[[Dialect], Service]
 def open_service() -> Iterator[OpenService]:
     """Opens providers on one server, which runs in its own thread."""
     port = Port()
-    # Name the protocol TCP: only then does asyncio switch off Nagle, without which half a reply would wait 40 ms.
+    # asyncio switches off Nagle's algorithm, which delays half a reply by 40 ms, only if TCP is named as the protocol.
     listener = socket.socket(socket.AF_INET, socket.SOCK_STREAM, socket.IPPROTO_TCP)
     listener.bind(("127.0.0.1", 0))
     server = uvicorn.Server(uvicorn.Config(port, lifespan="off", log_level="critical", ws="none"))

@@ -5,7 +5,7 @@ from math import dist, hypot
 from scenes.protocol import Protocol, answer, call
 
 FORCE = (0.0, 0.6, 0.8)
-"""Away from the post [N]."""
+"""Force on the object, away from the post [N]."""
 SIZE_OF_FORCE = hypot(*FORCE)
 LAPSE = 2.0
 """[s]."""

@@ -9,7 +9,7 @@ GRAVITY = 9.81
 LONG, SMALL = 3.0, 1.0
 """Masses [kg]."""
 PUSH = 20.0
-"""Of the task [N]."""
+"""Force of the push that the task asks about [N]."""
 SPEED = 2.0
 """Speed of the blocks, one forward, one backward [m/s]."""
 WINDOW = 0.1

@@ -7,13 +7,13 @@ from scenes.protocol import Call, Protocol, answer, call
 AXIS = 1.0
 """Height of the axis [m]."""
 HALF = 1.2
-"""From the axis to the tip [m]."""
+"""Distance from the axis to the tip [m]."""
 REST = 60.0
 """Half of the time for the beam to come to rest [s]."""
 LEVEL = 1e-5
 """Height of the tip over the axis [m] that counts as level."""
 FIRST = 0.3
-"""First position of the rider after the axis [m]."""
+"""Distance from the axis at the second trial [m]; at the first, the rider is on the axis."""
 FARTHEST = 1.15
 TRIALS = 8
 

@@ -10,7 +10,7 @@ RADIUS = 0.02
 DENSITY = 1.0
 """Density of the pointers [kg/m³]; their mass of 3e-5 kg is negligible."""
 TORQUE = 0.05
-"""On each drum [N·m]."""
+"""Torque on each drum [N·m]."""
 TWIST_TIME = 1.0
 ALIKE = 1.1
 """Speeds with a smaller ratio count as equal; unequal drums differ by 20 % or more."""

@@ -12,7 +12,7 @@ WAIT = 30.0
 
 
 def spin() -> list[Call]:
-    """The two readings of the platform."""
+    """Return the calls that read the energy and the angular momentum of the platform."""
     return [
         call("get_rotational_energy", object_id="object_1", mass=MASS),
         call("get_angular_momentum", object_id="object_1", mass=MASS),
@@ -20,7 +20,7 @@ def spin() -> list[Call]:
 
 
 def angular_speed(energy: Reading, momentum: Reading) -> float:
-    """From I w²/2 and I w."""
+    """Compute the angular speed w from the energy I w²/2 and the angular momentum I w."""
     return 2 * energy["rotational_energy"] / momentum["angular_momentum"]["z"]
 
 

@@ -12,7 +12,7 @@ CUP = [0.5, 0.0, 1.1]
 """Where a ball of radius RADIUS rests in the cup at the start [m]."""
 RADIUS = 0.10
 MASS = 0.2
-"""Of the ball [kg]."""
+"""Mass of the ball [kg]."""
 DENSITY = MASS / (4 / 3 * math.pi * RADIUS**3)
 FORCE = [0.0, 3.0, 0.0]
 """Force on the ball, at first along the motion of the cup [N]."""

@@ -117,7 +117,7 @@ def test_an_answer_about_motion_before_anything_moved_is_too_early(turns: tuple[
     "turns",
     [
         (turn("", LOOK),),
-        # What moves after a moment may well be judged at that moment.
+        # An object that already moves may be judged at once.
         (turn("", SPEED),),
         (turn("", PUSH, returned("step", duration=0.01), SPEED, REST),),
         (turn("", returned("detect_collision", {"collision_detected": True})),),
@@ -290,7 +290,7 @@ HEAVIER = returned("get_parameters", {"mass": 4.0}, object_id="object_2")
         (WEIGHED, [("get_kinetic_energy", "object_1", 1), ("get_momentum", "object_1", 1)], False),
         # Two objects of one mass are compared.
         (WEIGHED, [("get_angular_momentum", "object_1", 1), ("get_angular_momentum", "object_2", 1)], False),
-        # The masses differ, so they do not cancel; nor do they where only one result is asked for, or two masses given.
+        # A mass does not cancel: the masses differ, one result is alone, or the results have no common quotient.
         ([WEIGHED[0], HEAVIER], [("get_momentum", "object_1", 1), ("get_momentum", "object_2", 1)], True),
         (WEIGHED, [("get_momentum", "object_1", 1)], True),
         (WEIGHED, [("get_rotational_energy", "object_1", 1), ("get_momentum", "object_1", 1)], True),
