@@ -1,4 +1,4 @@
-"""The errors of the laboratory, with the reader of each.
+"""The errors of the laboratory, and who reads the message of each.
 
 PhysMentError
 ├─ UsageError            the command line asks for something impossible     → the operator, before serving

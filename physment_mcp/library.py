@@ -107,7 +107,7 @@ class OpenEpisode:
 
         Do not use `call` while a client's call is running.
         """
-        # MCP takes longer to import than all of the laboratory, and only this needs it.
+        # MCP takes longer to import than all of the laboratory, and only this method needs it.
         from physment_mcp.serving.server import build_server  # noqa: PLC0415
         from physment_mcp.serving.slot import EpisodeSlot  # noqa: PLC0415
 

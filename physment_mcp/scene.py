@@ -155,7 +155,7 @@ def load_variants(scene_id: int, folder: Path | None = None) -> list[str]:
 
 @functools.lru_cache(_KEPT_VARIANTS)
 def _variants(sources: tuple[_Source, ...]) -> tuple[str, ...]:
-    """Return the models of sources. The cache of `load_scene` is a different one: it seldom contains these seeds."""
+    """Return the models of sources. They have their own cache: that of `load_scene` seldom contains these seeds."""
     return tuple(read_hosted(source.files, source.seed)[1] for source in sources)
 
 

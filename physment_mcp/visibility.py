@@ -3,8 +3,9 @@
 A part is drawn if it looks the same in every variant of the scene, and belongs to a fixture, or to a known object whose
 type, size and position the agent may read. A movable object whose orientation the agent may not read is drawn with its
 orientation at the start, and only if its position determines the positions of all its parts. So the only attribute that
-may be seen but not read is the start orientation of such an object, or of an immovable one; it is the same in every
-variant. Objects are drawn at the poses that the instruments read. A renderer receives only these parts and poses.
+an agent may see but not read is the start orientation of such an object, or of an immovable one. This orientation is
+the same in every variant. Objects are drawn at the poses that the instruments read. A renderer receives only these
+parts and poses.
 """
 
 import functools

@@ -15,7 +15,7 @@ from typing import Any, cast
 from scenes.folder import PackFiles
 
 _PREFIX = "c1:"
-"""Prefix of a content hash by version 1 of these rules. A byte hash has no prefix."""
+"""Prefix of a content hash that is computed by version 1 of these rules. A byte hash has no prefix."""
 _DIGITS = 12
 _TABLE = Path(__file__).with_name("byte_hashes.json")
 """Byte hash of a pack of the suite before the packs were formatted → its content hash."""

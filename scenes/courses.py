@@ -40,7 +40,8 @@ __all__ = [
 Knobs = Mapping[str, Any]
 """Constants of a law by name: numbers, or arrays with a value for each trial."""
 Rates = Callable[[str, Knobs, Any, Array, Array], Array]
-"""Time derivative of the state from structure, constants, time, state and controls. All may be arrays of trials."""
+"""Function of structure, constants, time, state and controls; returns the time derivative of the state. All arguments
+but the structure may be arrays of trials."""
 
 PLAIN = "plain"
 """Name of the simplified law that is used for planning but never for an answer."""
@@ -264,7 +265,7 @@ class Laws:
 
 
 class Fitter(Protocol):
-    """Protocol of classes that fit structures to a `Course`, such as `Laws`."""
+    """Interface of the classes that fit structures to a `Course`, such as `Laws`."""
 
     def fitted(self, course: Course, structure: str) -> tuple[float, dict[str, float]]:
         """Return chi-square and constants of the best fit of a structure."""

@@ -142,7 +142,7 @@ def scattered(slopes: Array, number: int) -> Array:
 def members(
     laws: Laws, course: Course, predict: Callable[[str, Mapping[str, float]], AnswerValue]
 ) -> dict[str, Member]:
-    """Fit every structure of laws of motion to a time series of pushes and readings.
+    """Fit every structure of `laws` to a time series of pushes and readings.
 
     Args:
         laws: The candidate laws.
@@ -214,5 +214,5 @@ def surviving(fits: Mapping[str, Member]) -> list[str]:
 
 
 def reduced_chi_square(fit: Member) -> float:
-    """Return chi-square over degrees of freedom: about 1 if the law and the standard deviations are right."""
+    """Return chi-square divided by the degrees of freedom: about 1 if the law and the standard deviations are right."""
     return fit.chi_square / max(fit.readings - fit.constants, 1)

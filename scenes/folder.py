@@ -23,12 +23,12 @@ class PackFiles:
 
     @property
     def json(self) -> Path:
-        """Metadata, permissions, answer and knobs."""
+        """Path of the metadata, permissions, answer and knobs."""
         return self.folder / f"scene{self.scene_id}.json"
 
     @property
     def mjcf(self) -> Path:
-        """The MuJoCo model at seed 0."""
+        """Path of the MuJoCo model at seed 0."""
         return self.folder / f"scene{self.scene_id}.xml"
 
     @property

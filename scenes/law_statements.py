@@ -25,7 +25,7 @@ _ATOM = 9
 
 
 class UnstatableLawError(ValueError):
-    """The motion of a model does not follow from its laws alone, so these have no statement; the message says why."""
+    """The motion of a model does not follow from its laws alone, so its law cannot be stated; the message says why."""
 
 
 class _Body(NamedTuple):

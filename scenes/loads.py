@@ -49,7 +49,7 @@ def looks(body: str, spans: Sequence[float]) -> list[Call]:
 
 
 def hung(exchanges: Exchanges) -> Iterator[tuple[Call, Reading, Mapping[str, float]]]:
-    """Yield each successful call with its result, and the total mass [kg] of the balls on each body after it."""
+    """Yield each successful call with its result, and the total mass [kg] of the balls on each body after the call."""
     made, places, load = dict[str, float](), dict[str, str](), defaultdict[str, float](float)
     for asked, reading in accepted(exchanges):
         if asked.tool == "create_objects":

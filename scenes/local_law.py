@@ -13,7 +13,7 @@ _LONGEST_S = 0.1
 
 @dataclass(frozen=True, slots=True)
 class LocalLaw:
-    """Drag, a transverse force and another force near the present place and time."""
+    """A linear law near the present position and time: drag, a force across the velocity, and another force."""
 
     lightness: float
     """Reciprocal of the mass [1/kg]."""

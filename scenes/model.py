@@ -23,7 +23,7 @@ _LAWS = "laws"
 _STEP = re.compile(r"(?P<tag>\w+)(?:\[(?P<name>[^\]]+)\])?")
 _NAME = re.compile(r"\b[^\W\d]\w*")
 _SALT = re.compile(r'(?<=<text name="noise_salt" data=")[^"]*')
-"""Name of the model's custom text that determines the noise of its instruments."""
+"""Matches the content of the model's custom text that determines the noise of its instruments."""
 _NAMING = ("name", "joint", "site", "geom", "tendon", "body")
 """Attributes that may identify an element: its own name, or the element that an entry of a tendon refers to."""
 

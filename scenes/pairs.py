@@ -47,7 +47,7 @@ _STRIDE_S, _STOP_S, _MARGIN, _FIRMNESS = 0.05, 0.8, 1.3, 0.3
 _TOUCH_S = 0.25
 """Duration of each of the first pushes."""
 _FIRST_GAINS = 7.0, 14.0
-"""Conservative guesses of the accelerations of both bodies by the largest force on each [m/s²]."""
+"""Conservative guesses of the acceleration that the largest force on each of the bodies causes [m/s²]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,7 +65,7 @@ class Pair:
     sigma: tuple[float, float]
     """Standard deviations of a position and a speed [m, m/s]."""
     net: float
-    """Distance of the nets [m]."""
+    """Distance of the nets from the start of each body [m]."""
     bend: tuple[float, float]
     """Range of the speed at which the force of some joints changes its slope [m/s]."""
     growth: float = 8.0

@@ -9,8 +9,8 @@
 A `yield` returns a list with a dict for each call: the structured result, `{"error": sentence}` for a refused call, or
 `{}` for a call that was not run.
 
-A pack that asks for a prediction may define `predict(structure, constants)`, the answer by the law of a structure,
-instead of `structure` and `theory`. `load_solution` derives these two from the sampled values.
+A pack that asks for a prediction may define `predict(structure, constants)`, which computes the answer from the law of
+a structure, instead of `structure` and `theory`. `load_solution` then derives these two from the sampled values.
 """
 
 import re
@@ -63,7 +63,8 @@ class Member:
     answer: AnswerValue
     """The answer computed with the best-fit constants."""
     plausible: Callable[[int], list[AnswerValue]]
-    """Answers computed with constants that are drawn from their normal distribution given the readings."""
+    """Returns a number of answers, computed with constants that are drawn from their distribution given the readings.
+    """
 
 
 @dataclass(frozen=True, slots=True)

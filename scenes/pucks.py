@@ -32,7 +32,7 @@ _SIZES = (0.25, 0.5, 0.75, 1.0)
 _WEAK_KG = 0.5
 """Weight of the regularisation of the mass estimate if `wanders` is 0 [kg]."""
 _PARTS = 8
-"""Number of parts of a push, and of the time for which the puck coasts, after which its place is predicted."""
+"""Number of parts into which a push, and the coasting after it, are divided; the position is predicted for each."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -2,8 +2,8 @@
 
 A pack's `laws` are the possible laws, as expressions of its knobs. The reference protocol infers a structure and
 constants from its readings. With these in place of the knobs, the expressions are the law that the protocol submits.
-The inference is done by `FLOOR` of `solution.py`, or by the function `inferred` of a file `law.py` beside it. This file
-is not part of the pack's content hash, because neither a key nor a certificate depends on it.
+`FLOOR` of `solution.py` does the inference, or the function `inferred` of a file `law.py` beside it. The content hash
+of the pack omits `law.py`, because neither a key nor a certificate depends on it.
 """
 
 import re

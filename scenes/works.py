@@ -96,7 +96,7 @@ def guesses(guess: Array, free: Sequence[int], begins: Sequence[int], places: Se
     Args:
         guess: Typical values of all constants; those that are not free become 0.
         free: Indices of the free constants.
-        begins: Indices of the constants where a spring engages.
+        begins: Indices of the constants that are positions at which a spring engages.
         places: The positions.
     """
     found = list[Array]()
@@ -130,7 +130,7 @@ def refitted(
         margin: Smallest distance of the fitted constants from their bounds.
 
     Returns:
-        The fit of the lowest chi-square.
+        The fit with the lowest chi-square.
     """
     which = list(free)
     scale, highest = scale[which], highest[which]

@@ -22,7 +22,7 @@ TOKEN_VARIABLE = "PHYSMENT_REFEREE_TOKEN"  # noqa: S105 - a name, not a token
 ANSWER = "answer"
 """Name of the tool that ends an episode."""
 _MOST = 1_000_000
-"""Longest range of numbers that is accepted; a longer one is a typing error."""
+"""Longest range of numbers that is accepted; a longer one is assumed to be a typing error."""
 
 _NUMBERS = ("scene", "seed", "index", "random_seed")
 """Numeric fields that select a variant."""

@@ -1,7 +1,7 @@
 """Checks of the headers Host and Origin, and middleware for pages that only this machine may request.
 
-They prevent DNS rebinding: a web page makes its own host name resolve to the address of a server on this machine, and
-its requests then carry that name.
+They prevent DNS rebinding. In this attack, a web page makes its own host name resolve to the address of a server on
+this machine, and its requests to the server then carry that name.
 """
 
 import re

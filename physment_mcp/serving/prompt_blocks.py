@@ -86,7 +86,7 @@ def answer_block(form: AnswerForm | None, problem_type: str) -> str:
     """Return the block on the form of the answer and its tolerance.
 
     Args:
-        form: The form that the pack states; None for a published pack.
+        form: The form that the pack states; None for a pack of the published prototype, which states none.
         problem_type: Type of the problem, which determines the form if the pack states none.
     """
     if form is None:

@@ -1,7 +1,7 @@
 """Fair scheduling: requests of one episode must not delay the other episodes of the server much.
 
 All episodes share one event loop. Without scheduling, a client that sends many requests at once gets as many shares of
-it, and a long step, which runs in a thread, competes with every other request for the GIL and the processors.
+its time, and a long step, which runs in a thread, competes with every other request for the GIL and the processors.
 """
 
 import contextlib
@@ -21,7 +21,7 @@ episode may step before it yields to others [s]."""
 _REGAINED = 0.1
 """Fraction of elapsed time by which the used step time decreases again. Cancelling steps does not reset it."""
 _MOST_SPENT_S = 1.0
-"""Largest used time that is kept for an episode [s]."""
+"""Largest used step time that is recorded for an episode [s]."""
 _AT_ONCE = 8
 """Largest number of concurrent requests of an episode; all but one of them wait."""
 WAITS = 2.0

@@ -108,7 +108,7 @@ class SocketEpisodes:
                 if brought:
                     tasks.start_soon(self._serve_one, socket.socket(fileno=brought[0]))
                 else:
-                    # The system has closed the socket, which the program notices at its end.
+                    # The system has closed the socket, which the program notices at the other end.
                     logger.warning("an episode is not opened: more files than the system allows would be open")
 
     def expire(self, oldest: float) -> int:

@@ -15,7 +15,7 @@ _NO_PASSIVE_FORCES = sum(
 
 def delete(spec: mujoco.MjSpec, element: mujoco.MjsBody | mujoco.MjsKey) -> None:
     """Delete an element of a spec. A body is deleted with its subtree and all constraints that refer to it."""
-    # From version 3.3.4 on the spec deletes its elements; before, bodies are detached and others delete themselves.
+    # From version 3.3.4 on, specs delete elements. Earlier ones detach bodies, and other elements delete themselves.
     if hasattr(spec, "delete"):
         spec.delete(element)
     elif isinstance(element, mujoco.MjsBody):

@@ -1,8 +1,8 @@
 """Applies laws through the engine's callback for passive forces, and maps models to their laws.
 
 The engine has one such callback per process. It is installed as a C function, only while a model with laws exists, and
-receives addresses. A Python function would be unsafe: while it is installed, MuJoCo cannot compile any model, because
-compiling steps a model that has no Python object; and removing it breaks a step in another thread.
+receives addresses. A Python function would be unsafe. While it is installed, MuJoCo cannot compile any model, because
+compiling steps a model that has no Python object. Removing it breaks a step in another thread.
 """
 
 import ctypes

@@ -67,11 +67,11 @@ class DrawnWorld:
     questions: tuple[Question, ...]
     key: tuple[float, ...]
     bounds: tuple[float, ...]
-    """Smallest standard error of each answer from the certificate's readings, in tolerances."""
+    """Smallest possible standard error of each answer, given the certificate's readings, in tolerances."""
 
 
 class Refused(Exception):
-    """A sampled world failed a certificate; the message names the certificate."""
+    """A sampled world failed a certificate; the message is the reason."""
 
 
 @dataclass(slots=True)
@@ -221,7 +221,7 @@ class _Information:
         self._tolerance = tolerance(found)
 
     def spread(self, looks: int) -> Array:
-        """Return the smallest standard error of each answer after a number of readings, in tolerances."""
+        """Return the smallest possible standard error of each answer after a number of readings, in tolerances."""
         read = self._told.whitened(self._slope[: looks * len(self._told.sigma)], self._durations[:looks])
         rows = np.vstack([read, self._prior])
         variance = np.einsum("qi,ij,qj->q", self._gradient, np.linalg.inv(rows.T @ rows), self._gradient)
@@ -333,6 +333,6 @@ def _refuse_unsolved(world: DrawnWorld, rng: random.Random) -> None:
 def bounds_of(
     structure: Structure, constants: Mapping[str, float], told: Situation, questions: Sequence[Question]
 ) -> tuple[float, ...]:
-    """Return the smallest standard error of each answer from the certificate's readings, in tolerances."""
+    """Return the smallest possible standard error of each answer, given the certificate's readings, in tolerances."""
     with np.errstate(all="ignore"):
         return _numbers(_Information(structure, constants, told, questions).spread(told.looks))

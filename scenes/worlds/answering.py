@@ -1,4 +1,4 @@
-"""Computes the answers to the questions of a world by integration of its theory.
+"""Computes the answers to the questions of a world by integrating the equations of motion of its law.
 
 All situations of all questions, trial constants and forces are integrated at once, because a step takes as long for one
 as for hundreds.
@@ -23,7 +23,7 @@ Constants = Mapping[str, Array]
 HARDEST = 20.0
 """Upper bound of the search for the force of a `push` question [N, N·m]."""
 _GRID = 13
-"""Forces from 0 to `HARDEST` between which the answer is bracketed."""
+"""Number of forces from 0 to `HARDEST` between which the answer is bracketed."""
 _STEPS = 10
 """Largest number of iterations within a bracket."""
 _HELD_S = 0.1
@@ -253,7 +253,7 @@ def crossing(beyond: Callable[[Array], Array], grid: Array, values: Array, fine:
     """Find roots of increasing functions by false position. Source: the Illinois algorithm.
 
     Args:
-        beyond: Function of points (points, trials); returns the values there, by another function for each trial.
+        beyond: Takes points (points, trials) and returns the values there. Each trial has a function of its own.
         grid: Ascending points (points, trials) that bracket the roots.
         values: The values at the points of `grid`.
         fine: Absolute value that counts as 0.

@@ -85,7 +85,7 @@ class _Library:
     """Index of the entry to which each column belongs."""
     sample: NDArray[np.int_]
     columns: Array
-    """Whitened changes of the ends of the legs, for a size of 1."""
+    """Whitened changes of the ends of the legs, for a term of magnitude 1."""
 
 
 @dataclass
@@ -263,7 +263,7 @@ def _size(form: Form) -> Range:
 
 
 def _limits(form: Form) -> tuple[float, float]:
-    """Smallest and largest size of a term."""
+    """Smallest and largest magnitude of a term."""
     if not _linear(form):
         return 1.0, 1.0
     bounds = _size(form)

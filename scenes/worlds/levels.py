@@ -8,7 +8,7 @@ from scenes.errors import WorldError
 from scenes.worlds.parts import Apparatus
 
 GRAMMAR: Final = 1
-"""Version of the grammar and of its draw; records of older versions stay readable."""
+"""Version of the grammar and of how worlds are sampled from it; records of older versions stay readable."""
 LEVELS = range(1, 11)
 
 _SINGLE = (Apparatus.PUCK, Apparatus.WHEEL, Apparatus.GLIDER)

@@ -23,7 +23,7 @@ from scenes.worlds.weak_form import Legs, box_of, named
 EXPLAINED = 1.7
 """Largest reduced chi-square for which the reference reports that it knows the law."""
 _KEPT, _BEHIND = 6, 20.0
-"""Largest number of structures that are fitted to the whole course, and bound of their score above the best one."""
+"""Largest number of structures that are fitted to the whole course, and limit of their scores above the best score."""
 _ROUNDS = 4
 _DRAWS = 120
 """Number of predictions of each structure."""

@@ -20,9 +20,9 @@ class Question:
     """A situation and a requested number, or a choice between several statements."""
 
     kind: str
-    """`strong`: a force beyond the limit; `far`: a position beyond the wall; `late`: a time after the laboratory's;
-    `apart`: the distance of two pucks; `push`: the smallest force that moves a body by a distance; `which`: which of
-    several terms acts."""
+    """`strong`: a force beyond the limit; `far`: a position beyond the wall; `late`: a time after the end of the
+    laboratory time; `apart`: the distance of two pucks; `push`: the smallest force that moves a body by a distance;
+    `which`: which of several terms acts."""
     place: tuple[float, ...]
     """Initial position of each body [m, rad]."""
     speed: tuple[float, ...]

@@ -132,7 +132,7 @@ class Certificate(_Line):
     """Hash of the record."""
     key: tuple[float, ...]
     bounds: tuple[float, ...]
-    """Smallest standard error of each answer, in tolerances."""
+    """Smallest possible standard error of each answer, in tolerances."""
     engine: tuple[float, ...] = ()
     """Distance of the engine's answers from the key, in tolerances; empty before the engine was run."""
     half_step: tuple[float, ...] = ()
@@ -142,7 +142,7 @@ class Certificate(_Line):
 
 
 def lines_file(folder: Path, level: int) -> Path:
-    """The records of a level in a folder of worlds."""
+    """The file with the records of a level in a folder of worlds."""
     return folder / f"level-{level}.jsonl"
 
 

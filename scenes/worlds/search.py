@@ -31,12 +31,11 @@ width of a restart."""
 _PLAIN = 0.5
 """Share of the restarts that begin without modulations."""
 _DEVIATIONS = 3.0
-"""A structure explains the readings if chi-square exceeds its expected value by at most this many standard deviations.
-"""
+"""Largest excess of chi-square over its expected value, in standard deviations, of a fit that explains the readings."""
 _TOLD = 2
 """Number of times that the path is smoothed if the structure is known."""
 _POINTS, _STARTS, _TRIES = 400, 8, 4
-"""For a structure with unknown constants: number of sampled points, number of them that are fitted, and of
+"""For a structure with unknown constants: number of sampled points, number of them that are fitted, and number of
 repetitions."""
 _LEAST_DRIFT = 0.2
 """Smallest model error in a search, in standard deviations of a reading, because transitions neglect hidden states."""
@@ -153,7 +152,7 @@ class Search:
 
     @property
     def explained(self) -> bool:
-        """Return whether the best structure explains the readings without a model error."""
+        """Return whether the best structure explains the readings with the smallest model error."""
         count = self.legs.course.count
         near = self.best()[0].chi_square < count + _DEVIATIONS * float(np.sqrt(2 * count))
         return near and self.legs.drift <= _LEAST_DRIFT

@@ -85,7 +85,7 @@ class Structure:
 
     @functools.cached_property
     def ranges(self) -> dict[str, Range]:
-        """All constants: masses first."""
+        """The ranges of all constants by name, masses first."""
         found = dict.fromkeys(self.masses, MASS)
         for at, term in enumerate(self.terms):
             found |= term.ranges(at)
@@ -132,7 +132,7 @@ class Structure:
 
     @property
     def controls(self) -> int:
-        """Components of the forces that an agent can apply."""
+        """Number of components of the forces that an agent can apply."""
         return self.bodies * (2 if self.apparatus.flat else 1)
 
     @property

@@ -94,7 +94,7 @@ class LaboratoryEnvironment:
             index: Index in the split.
             random_seed: Selects an index in the split at random.
             curriculum: Name of a curriculum on the split or the worlds, which chooses the variant.
-            budget: Iterations that the prompt names; `max_tool_calling_iterations` of the trainer must be the same.
+            budget: Iterations that the prompt states; `max_tool_calling_iterations` of the trainer must be the same.
             max_calls: Tool calls after which the laboratory ends the episode.
             prompting: `zero-shot`, `one-shot-cot` or `few-shot-cot`.
 

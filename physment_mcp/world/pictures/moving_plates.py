@@ -133,7 +133,7 @@ def _model(bodies: Sequence[ShownBody]) -> str:
 
 
 class _Stage(NamedTuple):
-    """The parts of an animation that stay the same in all frames, with a model of every body that is drawn."""
+    """The parts of an animation that all frames share: view, ground, and a model with the bodies of all frames."""
 
     view: View
     ground: Ground | None

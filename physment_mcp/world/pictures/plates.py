@@ -190,7 +190,7 @@ def plate(mjcf: str, labels: Mapping[str, str], notes: Sequence[str] = ()) -> Pi
     Args:
         mjcf: The visible bodies, written by `picture_model`; not empty.
         labels: Body → its label, which is beside it, or in a line of labels if it is not drawn.
-        notes: Further lines.
+        notes: Further lines of text at the upper edge.
     """
     model, data = staged(mjcf)
     boxes = boxes_of(model, data)

@@ -37,7 +37,7 @@ class PhysmentVariant(BaseModel):
     index: int | None = None
     random_seed: int | None = None
     budget: int = Field(20, ge=1, le=1000)
-    """Iterations that the prompt of the row names; `max_steps` of the agent must be the same."""
+    """Iterations that the prompt of the row states; `max_steps` of the agent must be the same."""
 
 
 class PhysmentSeedSessionRequest(BaseSeedSessionRequest):
