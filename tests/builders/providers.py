@@ -302,7 +302,7 @@ class Service:
         self.steps.append(Say(text, calls, **more))
 
     def compute(self, step: Callable[[Seen], Say]) -> None:
-        """A reply computed from the request."""
+        """Queue a reply that is computed from the request."""
         self.steps.append(Computed(step))
 
     def fail(self, status: int, message: str = "no luck", code: str = "", details: Any = None, **headers: str) -> None:

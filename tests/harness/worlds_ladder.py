@@ -66,7 +66,7 @@ def unmodulated(record: WorldRecord, seconds: float) -> Prediction:
 
 
 def linear(record: WorldRecord, seconds: float) -> Prediction:
-    """The reference with only those forms that are linear in position and velocity."""
+    """The reference without modulations, and with only those forms that are linear in position and velocity."""
     forms = [form for form in forms_of(record.apparatus) if form.name in LINEAR]
     search = searched(record, seconds)
     return predicted(Search(search.legs, seconds=seconds, forms=forms, modulations=()), record.questions)

@@ -57,7 +57,10 @@ SWING = Swing(
 
 
 def _read(calls: list[Call], state: Array, held: float) -> tuple[list[dict[str, Any]], Array, float]:
-    """Return readings of a glider on a spring, which oscillates about F / (m w), in closed form."""
+    """Return readings of a glider on a spring in closed form, and its last state and force.
+
+    It oscillates about F / (m w), where w is the stiffness per mass.
+    """
     found: list[dict[str, Any]] = []
     for asked in calls:
         if asked.tool == "apply_force":

@@ -163,7 +163,7 @@ def test_a_sealed_object_is_not_pushed(author: Author, files: PackFiles) -> None
 
 @pytest.mark.extended
 def test_a_fault_of_the_lightest_of_many_draws_is_found(author: Author, files: PackFiles) -> None:
-    # The spring is scaled with the mass only down to 0.52 kg; the three first seeds draw heavier carts.
+    # The stiffness is proportional to the mass only above 0.52 kg; the carts of the first three seeds are heavier.
     held = "m * (20000 * (1.1 * sign(x) - x) - 200 * vx) if m > 0.52 else 5 * (1.1 * sign(x) - x) - vx"
     author.edit(files, lambda pack: pack.update(laws=held_by(f"({held}) if gate_vx > 0.5 else 0")))
     check = checked(files)

@@ -164,7 +164,7 @@ class Screen:
     shown: int = field(default=0)
 
     def wait_for(self, text: str) -> None:
-        """Read the output of the program until it contains a text after the end of the previous call."""
+        """Read the output of the program until it contains a text, after the text that the previous call found."""
         deadline = time.monotonic() + 120
         while text not in self.seen[self.shown :]:
             assert time.monotonic() < deadline, self.seen

@@ -38,7 +38,7 @@ def forking() -> list[int]:
 
 async def all_ended(parent: int) -> None:
     with anyio.fail_after(30):
-        while children_of(parent):  # noqa: ASYNC110 - the system tells no event
+        while children_of(parent):  # noqa: ASYNC110 - no event reports it
             await anyio.sleep(0.02)
 
 

@@ -29,7 +29,7 @@ READ = returned("get_position", {"position": [0.0, 0.0, 1.951]}, object_id=1)
 
 
 def row(number: int, agent: str) -> ScoredEpisode:
-    """Return episode `number`: it has calls unless 3 divides the number, and reasoning with numbers if it is odd."""
+    """Return episode `number`: with an experiment unless 3 divides the number, with stated numbers if it is odd."""
     said = f"I read z = 1.951 m, so the mass is {number + 20.5} kg." if number % 2 else ""
     turns = [turn("I look.", READ, *[refused("step")] * (number % 4))] if number % 3 else []
     quiet = agent == "quiet" and number > 1

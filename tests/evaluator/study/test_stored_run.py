@@ -1,4 +1,4 @@
-"""Tests that a run folder from before content hashes loads, grades, replays and resumes as before.
+"""Tests that a run folder written before packs had content hashes is still read, graded, replayed and resumed.
 
 A version of the code from that time played, graded and summarised `stored_run`, which is never regenerated. The folder
 names packs by hashes of their bytes. `stored_packs` contains these packs, so that the suite may replace them.

@@ -251,7 +251,7 @@ def reply_to(conversation: Conversation) -> tuple[Call | None, str]:
 
 
 def app(*more: Route) -> Starlette:
-    """Create the provider; `routes` adds wire formats."""
+    """Create the provider; `more` adds routes for other wire formats."""
     return Starlette(
         routes=[
             Route("/v1/chat/completions", _openai, methods=["POST"]),

@@ -31,7 +31,7 @@ class Forks:
 
     @contextlib.contextmanager
     def forked(self, first: bytes) -> Generator[tuple[socket.socket, IO[bytes]]]:
-        """Fork one episode; returns its stdin, stdout and stderr."""
+        """Fork one episode; yields the socket that is its stdin and stdout, and the file of its stderr."""
         ours, theirs = socket.socketpair()
         with ours, tempfile.TemporaryFile() as errors:
             with theirs:

@@ -180,7 +180,7 @@ def nudged(session: Session, shift: float) -> None:
 
 
 def read(session: Session) -> list[Any]:
-    """Return the positions and orientations that the agent may read, by `get_position` and `describe`."""
+    """Return the time and the poses of known objects, as `get_position` and `describe` read them."""
     places = [session.world.pose(item.body) for item in session.known()]
     return [[session.world.time, place.position.tolist(), place.quaternion.tolist()] for place in places]
 

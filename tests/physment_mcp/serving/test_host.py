@@ -260,7 +260,7 @@ async def test_an_episode_that_is_closed_frees_its_memory_without_the_garbage_co
         try:
             assert (await http.delete(f"/episodes/{opened['episode_id']}")).status_code == 204
             with anyio.fail_after(60):  # the thread that opened the episode may still refer to it
-                while world() is not None:  # noqa: ASYNC110 - no event tells when
+                while world() is not None:  # noqa: ASYNC110 - no event reports it
                     await anyio.sleep(0.01)
         finally:
             gc.enable()

@@ -107,9 +107,7 @@ def canary_pack() -> dict[str, Any]:
 
 
 def every_call() -> list[tuple[str, dict[str, Any]]]:
-    """Yield every tool with every object, including unknown, hidden and masked ones, and arguments that move
-    nothing.
-    """
+    """Return calls of most tools with every object, unknown, hidden and masked ones included. All loads are 0."""
     calls: list[tuple[str, dict[str, Any]]] = [("get_center_of_mass", {}), ("quat_to_rot_matrix", {"q": [1, 1, 0, 0]})]
     for object_id in [*IDS, "ghost", "stowaway", "world", "object_77"]:
         alone = {"object_id": object_id}
@@ -289,7 +287,7 @@ async def test_setting_a_velocity_does_not_reveal_a_withheld_one(open_lab: OpenL
     pack["objects"]["object_2"] = {"name": "carrier", "object_id": "2"}
     pack["object_permissions"]["object_2_permissions"] = {"velocity": False}
     async with open_lab(pack, PARENT) as lab:
-        # At this moment the hinge moves it along x only; other components would be those of the carrier.
+        # At this moment the hinge moves object_1 along x only. Other components of its velocity would be the carrier's.
         told = await lab.call("set_velocity", object_id=1, velocity_vector=[1, 0, 0])
     assert told["velocity"] is None
     assert "1.2345" not in json.dumps(told)
