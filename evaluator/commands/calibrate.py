@@ -13,8 +13,8 @@ from evaluator.commands.base import Commands, folder_to_write
 from evaluator.commands.terminal import printable
 from evaluator.errors import StoreError, UsageError
 from evaluator.records.episode import GradeRecord
-from evaluator.scores.errata import is_withdrawn
 from evaluator.scores.grouping import NO_RUNG
+from evaluator.scores.scored_episode import is_withdrawn
 from evaluator.scores.scoring import read_graded
 from evaluator.store.run_folder import RunFolder
 from scenes import Pack, PackError, Rung, content_hash_of, find_pack, read_pack, reference_of, same_pack

@@ -35,7 +35,7 @@ from evaluator.errors import InfrastructureError, UsageError
 from evaluator.records.run import AdaptivePlan, Plan, RunRecord, ServerRecord
 from evaluator.scores.scoring import strict_verdict
 from evaluator.store.run_folder import RunFolder
-from evaluator.study.provenance import played_worlds
+from evaluator.study.integrity import played_worlds
 from evaluator.study.run_start import continued, run_record, server_record
 from evaluator.study.selection import parse_numbers, parse_scenes
 from scenes import PackFiles, find_pack

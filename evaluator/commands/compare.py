@@ -12,8 +12,8 @@ from evaluator.commands.base import Commands, wide_console
 from evaluator.commands.evidence_table import evidence_table
 from evaluator.errors import UsageError
 from evaluator.scores.comparison import CONDITIONS, Comparison, Side, compare, points
+from evaluator.scores.scored_episode import law_sentence
 from evaluator.scores.scoring import read_graded, score_episode
-from evaluator.scores.summaries import law_sentence
 from evaluator.statistics.paired import PairedDifference
 from evaluator.store.run_folder import RunFolder
 from evaluator.study.selection import parse_numbers

@@ -19,11 +19,10 @@ from evaluator.commands.terminal import printable
 from evaluator.errors import UsageError
 from evaluator.records.episode import Episode, Outcome, Verdict
 from evaluator.records.evidence import CERTAIN, SUFFICIENT, EvidenceRecord, EvidenceVerdict
-from evaluator.scores.summaries import MeasuredEpisode, evidence_summary
+from evaluator.scores.scored_episode import MeasuredEpisode, evidence_summary
 from evaluator.store.run_folder import RunFolder
 from evaluator.study.forking import CONDITIONS, meeting
-from evaluator.study.integrity import is_withheld, seeds_of
-from evaluator.study.provenance import refuse_other_worlds
+from evaluator.study.integrity import is_withheld, refuse_other_worlds, seeds_of
 from scenes import PackError, find_pack
 
 _DESCRIPTION = f"""\

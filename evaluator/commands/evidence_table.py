@@ -7,7 +7,7 @@ from rich.text import Text
 
 from evaluator.commands.terminal import printable
 from evaluator.records.evidence import EvidenceVerdict
-from evaluator.scores.summaries import EvidenceSummary
+from evaluator.scores.scored_episode import EvidenceSummary
 
 _CALLS = ("answered before the evidence", "calls until it sufficed (median)", "calls after it (median)")
 

@@ -26,8 +26,7 @@ from evaluator.report.film_record import MOST_BYTES, read, written
 from evaluator.store import durable
 from evaluator.store.run_folder import RunFolder
 from evaluator.study.forking import CONDITIONS, described, meeting
-from evaluator.study.integrity import seeds_of
-from evaluator.study.provenance import refuse_other_worlds
+from evaluator.study.integrity import refuse_other_worlds, seeds_of
 from scenes import find_pack, reference_of
 from scenes.public import read_public
 

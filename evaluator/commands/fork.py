@@ -16,9 +16,15 @@ from evaluator.records.episode import Episode
 from evaluator.records.run import ForkedRun, Plan, SeedKey
 from evaluator.store.run_folder import RunFolder
 from evaluator.study.forking import CONDITIONS, ForkParticipant, fork_keys, select_episodes
-from evaluator.study.integrity import pass_on_key, read_revealed, read_seed_key, seal_note, seeds_of
+from evaluator.study.integrity import (
+    pass_on_key,
+    read_revealed,
+    read_seed_key,
+    refuse_other_worlds,
+    seal_note,
+    seeds_of,
+)
 from evaluator.study.meter import Meter
-from evaluator.study.provenance import refuse_other_worlds
 from evaluator.study.run_config import RunConfig, participants_of
 from scenes import PackError, find_pack
 

@@ -9,8 +9,7 @@ from evaluator.answers.keys import KeyRing
 from evaluator.commands.base import Commands, stored_run_options
 from evaluator.commands.finishing import finish
 from evaluator.store.run_folder import RunFolder
-from evaluator.study.integrity import seal_note, seeds_of
-from evaluator.study.provenance import other_packs, refuse_other_worlds
+from evaluator.study.integrity import other_packs, refuse_other_worlds, seal_note, seeds_of
 
 _DESCRIPTION = """\
 Grade a stored run again, after a change of the grader or of the errata, and write its summary and report. If a verdict

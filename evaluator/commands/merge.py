@@ -9,8 +9,7 @@ from evaluator.answers.keys import KeyRing
 from evaluator.commands.base import Commands, folder_to_write, stored_run_options
 from evaluator.commands.finishing import finish
 from evaluator.store.run_folder import RunFolder
-from evaluator.study.integrity import pass_on_key, seeds_of
-from evaluator.study.provenance import refuse_other_packs, refuse_other_worlds
+from evaluator.study.integrity import pass_on_key, refuse_other_packs, refuse_other_worlds, seeds_of
 from evaluator.study.shards import expand, merge
 
 _DESCRIPTION = """\

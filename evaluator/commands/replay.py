@@ -14,8 +14,7 @@ from evaluator.agents.recorded import load_recorded
 from evaluator.commands.base import Commands, count_of, run_async, seed_key, wide_console
 from evaluator.episode.connect import connect
 from evaluator.store.run_folder import RunFolder
-from evaluator.study.integrity import seeds_of
-from evaluator.study.provenance import refuse_other_worlds
+from evaluator.study.integrity import refuse_other_worlds, seeds_of
 from evaluator.study.replay import REL_TOL, Replayed, replay
 from scenes import reference_of
 

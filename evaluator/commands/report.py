@@ -24,8 +24,7 @@ from evaluator.report.paper_tables import paper_tables
 from evaluator.report.tables import tables
 from evaluator.scores.scoring import read_graded, score_episode
 from evaluator.store.run_folder import RunFolder
-from evaluator.study.integrity import seal_note
-from evaluator.study.provenance import refuse_other_worlds
+from evaluator.study.integrity import refuse_other_worlds, seal_note
 from scenes import PackError, find_pack, list_packs, same_pack
 
 T = TypeVar("T")

@@ -17,9 +17,8 @@ from evaluator.answers.keys import KeyRing
 from evaluator.errors import UsageError
 from evaluator.records.episode import Episode, EpisodeKey, Outcome, Verdict
 from evaluator.scores.metrics import GroupSummary, RunSummary, summarise
-from evaluator.scores.scored_episode import ScoredEpisode, scene_title
+from evaluator.scores.scored_episode import ScoredEpisode, law_sentence, scene_title
 from evaluator.scores.scoring import GradedRun, strict_verdict
-from evaluator.scores.summaries import law_sentence
 from evaluator.scores.wording import (
     ability_sentence,
     curve_sentence,

@@ -15,7 +15,7 @@ from evaluator.referee.contract import Variant, WantedEpisode, WantedVariants
 from evaluator.referee.curriculum import Curricula, steps_of
 from evaluator.referee.selection import curriculum_pool, pool_of, variant_of
 from evaluator.scores.grouping import rung
-from evaluator.study.provenance import played_worlds
+from evaluator.study.integrity import played_worlds
 from scenes import ErratumEffect, default_folder, find_pack, is_world, pack_hash, place_of, reference_of
 
 

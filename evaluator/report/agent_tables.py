@@ -8,7 +8,7 @@ from evaluator.records.episode import Verdict
 from evaluator.report.agent_results import AgentResults
 from evaluator.report.notebook import Entry
 from evaluator.report.tables import Cell, Count, Table
-from evaluator.scores.summaries import law_summary
+from evaluator.scores.scored_episode import law_summary
 from evaluator.scores.wording import withdrawn_clause
 from scenes import reference_of
 

@@ -10,8 +10,7 @@ from evaluator.records.evidence import SUFFICIENT, EvidenceVerdict
 from evaluator.report.agent_results import AgentResults
 from evaluator.report.charts import LEFT, RIGHT, Chart, Point, Series, Tick, chart
 from evaluator.report.tables import Cell, Table
-from evaluator.scores.scored_episode import ScoredEpisode
-from evaluator.scores.summaries import evidence_summary
+from evaluator.scores.scored_episode import ScoredEpisode, evidence_summary
 
 NOT_MEASURABLE = "not measurable"
 _LEAST, _MOST = 1e-3, 1e2

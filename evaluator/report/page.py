@@ -33,7 +33,7 @@ from evaluator.scores.dimensions import WEIGHTS
 from evaluator.scores.failures.findings import FailureMode
 from evaluator.scores.spending import Spending, calls_made, spending
 from evaluator.scores.wording import counted, curve_sentence, decimal, score_text, share
-from evaluator.statistics.budget_curve import BudgetCurve
+from evaluator.statistics.paired import BudgetCurve
 from evaluator.store.run_folder import RunFolder
 from scenes import reference_of
 

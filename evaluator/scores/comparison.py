@@ -9,10 +9,8 @@ from pydantic import Field
 from evaluator.errors import UsageError
 from evaluator.records.episode import Grade, Record, Verdict, is_absent
 from evaluator.scores.grouping import modality, problem_kind, quadrant
-from evaluator.scores.scored_episode import ScoredEpisode
-from evaluator.scores.summaries import EvidenceSummary, LawSummary, evidence_summary, law_summary
-from evaluator.statistics.budget_curve import LEVEL
-from evaluator.statistics.paired import PairedDifference, PairedTest, holm, paired_difference
+from evaluator.scores.scored_episode import EvidenceSummary, LawSummary, ScoredEpisode, evidence_summary, law_summary
+from evaluator.statistics.paired import LEVEL, PairedDifference, PairedTest, holm, paired_difference
 from scenes import content_hash_of
 
 CONDITIONS = ("agent", "budget", "prompting", "protocol")

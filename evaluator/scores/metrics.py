@@ -13,7 +13,6 @@ from pydantic import Field
 
 from evaluator.records.episode import Choice, Grade, NormalisationClass, Outcome, Record, Verdict, is_absent
 from evaluator.scores.dimensions import SCORING_VERSION, MedianCost, median_cost
-from evaluator.scores.errata import AccuracyBounds, AppliedErratum, accuracy_bounds, applied_errata
 from evaluator.scores.failures.findings import FailureCount, FailureMode, failure_counts
 from evaluator.scores.grouping import (
     Condition,
@@ -27,12 +26,20 @@ from evaluator.scores.grouping import (
     skill,
     skill_interval,
 )
-from evaluator.scores.scored_episode import ScoredEpisode
-from evaluator.scores.summaries import EvidenceSummary, LawSummary, evidence_summary, law_summary
+from evaluator.scores.scored_episode import (
+    AccuracyBounds,
+    AppliedErratum,
+    EvidenceSummary,
+    LawSummary,
+    ScoredEpisode,
+    accuracy_bounds,
+    applied_errata,
+    evidence_summary,
+    law_summary,
+)
 from evaluator.statistics.ability import Ability, ability_of
-from evaluator.statistics.attempts import Attempts, attempts
-from evaluator.statistics.budget_curve import BudgetCurve, Cell, budget_curve
-from evaluator.statistics.intervals import Interval, IntervalMethod, Proportion, proportion
+from evaluator.statistics.intervals import Attempts, Interval, IntervalMethod, Proportion, attempts, proportion
+from evaluator.statistics.paired import BudgetCurve, Cell, budget_curve
 
 _Name = TypeVar("_Name", str, int)
 

@@ -1,17 +1,189 @@
-"""The record that summaries, reports and comparisons read: one episode with everything computed from it alone."""
+"""The record that reports and comparisons read for an episode; withdrawals by errata; counts of evidence and laws."""
 
+from collections import Counter
+from collections.abc import Iterable
 from dataclasses import dataclass
+from statistics import median
+from typing import NamedTuple
 
 from evaluator.answers.rewards import Chance
-from evaluator.records.episode import Episode, EpisodeKey, Grade, GradeRecord, Verdict
+from evaluator.records.episode import Episode, EpisodeKey, Grade, GradeRecord, LawGrade, Outcome, Record, Verdict
 from evaluator.records.evidence import EvidenceRecord, EvidenceVerdict, evidence_verdict
 from evaluator.scores.dimensions import EpisodeScores, ExperimentCost
-from evaluator.scores.errata import is_withdrawn
 from evaluator.scores.failures.findings import Failure
 from evaluator.scores.grounding import Grounding
 from evaluator.scores.grouping import rung
-from evaluator.scores.summaries import MeasuredEpisode, StatedEpisode
-from scenes import Erratum, Rung, reference_of
+from scenes import Erratum, ErratumEffect, Rung, reference_of
+
+WITHDRAWN = "withdrawn: "
+"""Prefix of the reason of a grade that has no verdict because of a known fault; the fault follows it."""
+
+
+class AccuracyBounds(Record):
+    """Bounds on the strict accuracy of a group if its withdrawn episodes had been counted, 0 to 1."""
+
+    all_wrong: float
+    """Accuracy if all withdrawn episodes were wrong."""
+    all_right: float
+    """Accuracy if all withdrawn episodes were right."""
+
+
+class AppliedErratum(Record):
+    """A known fault of a pack that episodes of a run were played on."""
+
+    erratum: Erratum
+    n: int
+    """Episodes of the run that were played on the pack."""
+
+
+def is_withdrawn(episode: Episode, erratum: Erratum | None) -> bool:
+    """Whether an episode that would otherwise have a verdict has none because of a known fault of its pack.
+
+    Args:
+        episode: The recorded episode.
+        erratum: The known fault; None if none is known.
+    """
+    faulty = erratum is not None and erratum.effect is ErratumEffect.WITHDRAWN
+    return faulty and episode.outcome is not Outcome.INFRASTRUCTURE_ERROR
+
+
+def withdrawn_grade(erratum: Erratum) -> Grade:
+    """Return the grade of an episode that was played on a pack with this fault."""
+    return Grade(
+        strict=Verdict.UNSCORED, graded=None, normalised=Verdict.UNSCORED, reason=f"{WITHDRAWN}{erratum.fault}"
+    )
+
+
+def applied_errata(faults: Iterable[Erratum | None]) -> tuple[AppliedErratum, ...]:
+    """Count the episodes affected by each known fault, ordered by scene.
+
+    Args:
+        faults: The known fault of the pack of each episode; None if none is known.
+    """
+    counts = Counter(entry for entry in faults if entry is not None)
+    found = sorted(counts, key=lambda entry: (entry.scene, entry.pack))
+    return tuple(AppliedErratum(erratum=entry, n=counts[entry]) for entry in found)
+
+
+def accuracy_bounds(correct: int, scored: int, withdrawn: int) -> AccuracyBounds | None:
+    """Return the bounds on strict accuracy that include withdrawn episodes; None if no episode is withdrawn.
+
+    Args:
+        correct: Number of strictly correct episodes.
+        scored: Number of episodes with a verdict.
+        withdrawn: Number of withdrawn episodes.
+    """
+    whole = scored + withdrawn
+    return AccuracyBounds(all_wrong=correct / whole, all_right=(correct + withdrawn) / whole) if withdrawn else None
+
+
+class MeasuredEpisode(NamedTuple):
+    """An episode whose evidence was measured, with its verdict."""
+
+    episode: Episode
+    evidence: EvidenceRecord
+    verdict: Verdict
+    """Strict verdict on the answer."""
+
+
+class EvidenceSummary(Record):
+    """Summary of the evidence of several episodes. Episodes whose evidence was not measured are not counted."""
+
+    verdicts: dict[EvidenceVerdict, int]
+    """Number of episodes with each verdict on evidence. Episodes without a verdict on the answer have none."""
+    not_measurable: int
+    """Number of episodes whose evidence cannot be measured."""
+    answered_before: int
+    """Number of episodes that were answered although their evidence did not suffice."""
+    calls_until: float | None
+    """Median number of calls until the evidence sufficed, over the episodes in which it did; None if in none."""
+    calls_after: float | None
+    """Median number of calls after the evidence sufficed, over the same episodes."""
+
+
+def evidence_summary(measured: Iterable[MeasuredEpisode]) -> EvidenceSummary | None:
+    """Summarise the evidence of some episodes; None if there are none."""
+    found = list(measured)
+    if not found:
+        return None
+    verdicts = Counter(evidence_verdict(one.evidence, one.verdict) for one in found)
+    sufficed = [
+        (at, sum(1 for _ in one.episode.accepted_calls()) - at)
+        for one in found
+        if (at := one.evidence.sufficed_at) is not None
+    ]
+    return EvidenceSummary(
+        verdicts={verdict: verdicts[verdict] for verdict in EvidenceVerdict},
+        not_measurable=sum(bool(one.evidence.not_measurable) for one in found),
+        answered_before=sum(
+            one.episode.outcome is Outcome.ANSWERED and not one.evidence.not_measurable and not one.evidence.suffices
+            for one in found
+        ),
+        calls_until=median(at for at, _ in sufficed) if sufficed else None,
+        calls_after=median(after for _, after in sufficed) if sufficed else None,
+    )
+
+
+class StatedEpisode(NamedTuple):
+    """An episode of a scene that asks for a law."""
+
+    law: LawGrade | None
+    """Grade of its law; None if it stated none."""
+    verdict: Verdict
+    """Strict verdict on the answer."""
+
+
+class LawSummary(Record):
+    """Counts of stated laws and of right answers, over episodes of scenes that ask for a law."""
+
+    asked: int
+    """Number of episodes."""
+    stated: int
+    """Number of episodes that stated a law."""
+    known: int
+    """Number of episodes whose law is equivalent to that of the laboratory."""
+    predicted: int
+    """Number of episodes with a right answer."""
+    predicted_and_known: int
+    """Number of episodes with a right answer and an equivalent law."""
+    predicted_not_known: int
+    """Number of episodes with a right answer and a law that is not equivalent."""
+    predicted_not_stated: int
+    """Number of episodes with a right answer and no law."""
+    dependence_f1: float | None
+    """Median F1 score of the quantities on which the stated laws depend; None if none was stated."""
+    length: float | None
+    """Median length of the equivalent laws; None if there is none."""
+
+
+def law_summary(episodes: Iterable[StatedEpisode]) -> LawSummary | None:
+    """Summarise the laws that agents wrote in some episodes; None without episodes."""
+    found = list(episodes)
+    if not found:
+        return None
+    right = [one for one in found if one.verdict is Verdict.CORRECT]
+    laws = [one.law for one in found if one.law is not None]
+    known = [law for law in laws if law.equivalent]
+    return LawSummary(
+        asked=len(found),
+        stated=len(laws),
+        known=len(known),
+        predicted=len(right),
+        predicted_and_known=sum(one.law is not None and one.law.equivalent for one in right),
+        predicted_not_known=sum(one.law is not None and not one.law.equivalent for one in right),
+        predicted_not_stated=sum(one.law is None for one in right),
+        dependence_f1=median(law.dependence_f1 for law in laws) if laws else None,
+        length=median(law.length for law in known) if known else None,
+    )
+
+
+def law_sentence(found: LawSummary) -> str:
+    """State in a sentence how many episodes predicted correctly, and how many stated an equivalent law."""
+    return (
+        f"laws: stated in {found.stated} of {found.asked} episodes, equivalent in {found.known}; of {found.predicted}"
+        f" that predicted, {found.predicted_and_known} knew the law, {found.predicted_not_known} stated another law and"
+        f" {found.predicted_not_stated} stated none"
+    )
 
 
 def scene_title(scene: int, name: str) -> str:

@@ -17,12 +17,11 @@ from evaluator.errors import UsageError
 from evaluator.records.episode import Episode, EpisodeKey, Grade, GradeRecord, LawGrade, Verdict
 from evaluator.records.evidence import EvidenceRecord
 from evaluator.scores.dimensions import cost_of, dimensions
-from evaluator.scores.errata import is_withdrawn, withdrawn_grade
 from evaluator.scores.failures.detect import failures_of
 from evaluator.scores.failures.findings import expected_form
 from evaluator.scores.grounding import grounding_of
 from evaluator.scores.metrics import RunSummary, summarise
-from evaluator.scores.scored_episode import ScoredEpisode
+from evaluator.scores.scored_episode import ScoredEpisode, is_withdrawn, withdrawn_grade
 from evaluator.store.run_folder import RunFolder
 from scenes import content_hash_of, reference_of
 

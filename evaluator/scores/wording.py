@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 
 from evaluator.scores.metrics import ConditionAbility, GroupSummary
-from evaluator.statistics.budget_curve import BudgetCurve, CurveShape
+from evaluator.statistics.paired import BudgetCurve, CurveShape
 
 
 def curve_sentence(curve: BudgetCurve) -> str:

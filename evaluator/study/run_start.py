@@ -15,7 +15,7 @@ from pydantic import JsonValue
 from evaluator.errors import UsageError
 from evaluator.records.run import Plan, RunRecord, ServerRecord
 from evaluator.store.run_folder import RunFolder
-from evaluator.study.provenance import worlds_difference
+from evaluator.study.integrity import worlds_difference
 from scenes import PackFiles, pack_hash, same_packs
 
 _PACKAGES = ("physment-mcp", "mcp", "mujoco", "pydantic", "numpy")

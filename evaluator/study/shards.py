@@ -9,8 +9,7 @@ from evaluator.errors import UsageError
 from evaluator.records.episode import Episode, EpisodeKey, Outcome
 from evaluator.records.run import MergedPart, RunRecord
 from evaluator.store.run_folder import RunFolder
-from evaluator.study.integrity import Sealing, seal_note
-from evaluator.study.provenance import worlds_difference
+from evaluator.study.integrity import Sealing, seal_note, worlds_difference
 from scenes import reference_of
 
 COUNT_VARIABLE = "PHYSMENT_SHARDS"

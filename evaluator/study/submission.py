@@ -16,13 +16,12 @@ from evaluator.answers.keys import KeyRing
 from evaluator.errors import StoreError, UsageError, reason_of
 from evaluator.records.episode import FORMAT, EpisodeKey, Frame, GradeRecord, Outcome, Record, is_absent
 from evaluator.records.run import RunRecord
-from evaluator.scores.errata import WITHDRAWN
 from evaluator.scores.metrics import RunSummary, summarise
-from evaluator.scores.scored_episode import ScoredEpisode
+from evaluator.scores.scored_episode import WITHDRAWN, ScoredEpisode
 from evaluator.scores.scoring import graded_rows
 from evaluator.store.run_folder import RunFolder
 from evaluator.store.seal import Seal
-from evaluator.study.provenance import refuse_other_packs
+from evaluator.study.integrity import refuse_other_packs
 from evaluator.study.replay import REL_TOL
 from scenes import reference_of
 

@@ -15,9 +15,8 @@ from evaluator.report.page import render
 from evaluator.report.tables import Count
 from evaluator.scores.comparison import Side, compare
 from evaluator.scores.metrics import summarise
-from evaluator.scores.scored_episode import ScoredEpisode
+from evaluator.scores.scored_episode import ScoredEpisode, StatedEpisode, law_sentence, law_summary
 from evaluator.scores.scoring import grade_run, law_grade
-from evaluator.scores.summaries import StatedEpisode, law_sentence, law_summary
 from evaluator.store.run_folder import RunFolder
 from tests.builders.records import episode, episode_key, grade, returned, turn
 from tests.builders.reports import run_of

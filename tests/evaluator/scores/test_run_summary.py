@@ -15,8 +15,8 @@ from evaluator.scores.grouping import NO_RUNG, modality, problem_kind
 from evaluator.scores.metrics import RunSummary, summarise
 from evaluator.scores.scored_episode import ScoredEpisode
 from evaluator.scores.wording import curve_sentence
-from evaluator.statistics.budget_curve import Cell, CurveShape, budget_curve
 from evaluator.statistics.intervals import IntervalMethod, proportion
+from evaluator.statistics.paired import Cell, CurveShape, budget_curve
 from scenes import LabLimits
 from tests.builders.paths import DOCS
 from tests.builders.records import episode, episode_key, grade, returned, turn

@@ -6,8 +6,7 @@ import pytest
 
 from evaluator.records.episode import Outcome, Verdict
 from evaluator.records.evidence import CallEvidence, EvidenceRecord, EvidenceVerdict
-from evaluator.scores.errata import is_withdrawn, withdrawn_grade
-from evaluator.scores.summaries import MeasuredEpisode, evidence_summary
+from evaluator.scores.scored_episode import MeasuredEpisode, evidence_summary, is_withdrawn, withdrawn_grade
 from scenes import Erratum, ErratumEffect
 from tests.builders.records import ANSWER, LOOK, STEP, episode, episode_key, returned, turn
 

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from evaluator.statistics.attempts import attempts, pass_at_k, pass_hat_k
+from evaluator.statistics.intervals import attempts, pass_at_k, pass_hat_k
 
 
 @given(st.lists(st.booleans(), min_size=1, max_size=8), st.data())

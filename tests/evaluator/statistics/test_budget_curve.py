@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from evaluator.statistics.budget_curve import BudgetCurve, Cell, CurveShape, budget_curve
-from evaluator.statistics.paired import PairedTest
+from evaluator.statistics.paired import BudgetCurve, Cell, CurveShape, PairedTest, budget_curve
 
 BUDGETS = (5, 10, 15, 20)
 
