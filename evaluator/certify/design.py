@@ -20,8 +20,7 @@ from typing import cast
 import numpy as np
 from scipy.optimize import least_squares
 
-from evaluator.agents.attackers.controls import all_controls, wait
-from evaluator.agents.attackers.readings import Opening, motion_calls, read_opening
+from evaluator.agents.attackers.readings import Opening, all_controls, motion_calls, read_opening, wait
 from evaluator.agents.reference import ProtocolPlayer
 from evaluator.certify.constants import Constants, shifted, span
 from evaluator.certify.information import PRIOR, whitening

@@ -4,7 +4,7 @@ import re
 from collections.abc import Iterable, Iterator, Sequence
 from statistics import median
 
-from evaluator.agents.scripted import best_constant
+from evaluator.agents.reference import best_constant
 from evaluator.answers.grading import grade_steps, stated_steps
 from evaluator.answers.strict import AnswerKey
 from evaluator.certify.records import Check, check

@@ -27,8 +27,7 @@ from evaluator.commands.challenge_people import (
 )
 from evaluator.commands.challenge_session import AGENT, RunningChallenge, remaining_of
 from evaluator.commands.finishing import finish
-from evaluator.commands.human_episode import kept_if_used
-from evaluator.commands.page_server import serving
+from evaluator.commands.human_episode import kept_if_used, serving
 from evaluator.episode.connect import connect
 from evaluator.episode.toolbox import shows_views
 from evaluator.errors import InfrastructureError, UsageError

@@ -10,8 +10,7 @@ import anyio
 import anyio.to_thread
 from rich.console import Console
 
-from evaluator.agents.browser.cards import Ending, Visitor
-from evaluator.agents.browser.player import PageState
+from evaluator.agents.browser.player import Ending, PageState, Visitor
 from evaluator.answers.keys import KeyRing
 from evaluator.calibration.adaptive import AdaptiveTest, DifficultyTable
 from evaluator.commands.challenge_people import Challenge, Person, agreed, write_challenge

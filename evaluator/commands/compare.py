@@ -9,7 +9,7 @@ from rich.table import Table
 
 from evaluator.answers.keys import KeyRing
 from evaluator.commands.base import Commands, wide_console
-from evaluator.commands.evidence_table import evidence_table
+from evaluator.commands.terminal import evidence_table
 from evaluator.errors import UsageError
 from evaluator.scores.comparison import CONDITIONS, Comparison, Side, compare, points
 from evaluator.scores.scored_episode import law_sentence

@@ -14,8 +14,7 @@ from evaluator.certify.evidence import measured
 from evaluator.certify.parallel import in_processes
 from evaluator.certify.subject import Subject
 from evaluator.commands.base import Commands, count_of, run_async, seed_key, wide_console
-from evaluator.commands.evidence_table import evidence_table
-from evaluator.commands.terminal import printable
+from evaluator.commands.terminal import evidence_table, printable
 from evaluator.errors import UsageError
 from evaluator.records.episode import Episode, Outcome, Verdict
 from evaluator.records.evidence import CERTAIN, SUFFICIENT, EvidenceRecord, EvidenceVerdict

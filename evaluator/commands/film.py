@@ -27,8 +27,7 @@ from evaluator.store import durable
 from evaluator.store.run_folder import RunFolder
 from evaluator.study.forking import CONDITIONS, described, meeting
 from evaluator.study.integrity import refuse_other_worlds, seeds_of
-from scenes import find_pack, reference_of
-from scenes.public import read_public
+from scenes import find_pack, read_public, reference_of
 
 WEBP = "webp"
 """Name of the folder of animated images in a run folder."""

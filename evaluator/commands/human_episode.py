@@ -1,25 +1,29 @@
 """An episode that a person plays in the terminal or the browser. It is opened, recorded and graded like any other.
 
-`physment-eval play N --web` serves the page of a person, who may play further variants after the first one.
+`physment-eval play N --web` serves the page of a person, who may play further variants after the first one. A signal
+first ends the episodes of the page and then its server.
 """
 
 import contextlib
+import functools
+import signal
 import socket
-from collections.abc import Generator, Iterator
+from collections.abc import AsyncGenerator, Callable, Generator, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+import anyio
 import anyio.to_thread
+import uvicorn
 from mcp import Client
 from rich.console import Console
+from starlette.types import ASGIApp
 
 from evaluator.agents.browser.app import ABSENT_S, app, hash_of
-from evaluator.agents.browser.cards import Ending
-from evaluator.agents.browser.player import BrowserAgent, PageState
+from evaluator.agents.browser.player import BrowserAgent, Ending, PageState
 from evaluator.answers.keys import KeyRing
 from evaluator.commands.base import listening, open_page, page_token, run_async
 from evaluator.commands.finishing import report_on
-from evaluator.commands.page_server import serving
 from evaluator.episode.connect import connect
 from evaluator.episode.loop import play_episode
 from evaluator.episode.player import Agent
@@ -32,8 +36,63 @@ from evaluator.scores.scoring import grade_run
 from evaluator.store.run_folder import RunFolder
 from evaluator.study.integrity import seal_note
 from evaluator.study.run_start import run_record, server_record
-from scenes import PackError, PackFiles, is_world, list_packs
-from scenes.public import read_public
+from scenes import PackError, PackFiles, is_world, list_packs, read_public
+
+_LEAVING = (signal.SIGINT, signal.SIGTERM)
+
+
+@contextlib.asynccontextmanager
+async def serving(
+    application: ASGIApp,
+    listener: socket.socket,
+    close: Callable[[], object],
+    linger_s: float = 1.0,
+    most: int | None = None,
+) -> AsyncGenerator[None]:
+    """Serve an application while the block runs.
+
+    Args:
+        application: The ASGI application.
+        listener: The listening socket.
+        close: Called at Ctrl-C and SIGTERM; it must cause the block to end.
+        linger_s: Time for open requests of the pages after the block [s].
+        most: Largest number of connections; further ones get status 503. None for no limit.
+    """
+    config = uvicorn.Config(
+        application,
+        log_config=None,
+        log_level="warning",
+        lifespan="off",
+        timeout_graceful_shutdown=1,
+        limit_concurrency=most,
+        server_header=False,
+    )
+    server = _Server(config)
+    async with anyio.create_task_group() as tasks:
+        tasks.start_soon(functools.partial(server.serve, sockets=[listener]))
+        tasks.start_soon(_call_when_signalled, close)
+        yield
+        await anyio.sleep(linger_s)
+        server.should_exit = True
+        # The server ends open requests when it stops; leaving the block ends the wait for signals.
+        await anyio.sleep(0.2)
+        tasks.cancel_scope.cancel()
+
+
+async def _call_when_signalled(close: Callable[[], object]) -> None:
+    # Windows event loops do not support signal receivers.
+    with contextlib.suppress(NotImplementedError), anyio.open_signal_receiver(*_LEAVING) as signals:
+        async for _ in signals:
+            close()
+
+
+class _Server(uvicorn.Server):
+    """A uvicorn server without signal handlers. The command handles signals, because it first records the episodes."""
+
+    @contextlib.contextmanager
+    def capture_signals(self) -> Generator[None]:
+        """Override that installs no handlers."""
+        yield
 
 
 @dataclass(frozen=True, slots=True)

@@ -15,12 +15,11 @@ from evaluator.commands.base import Commands, allow_modified, folder_to_write
 from evaluator.commands.finishing import attached_to
 from evaluator.errors import StoreError, UsageError
 from evaluator.report.agent_results import AgentResults, Run, agent_results, packs_of
-from evaluator.report.agent_tables import abilities_table, errata_table
+from evaluator.report.agent_tables import abilities_table, errata_table, paper_tables
 from evaluator.report.baselines import baseline_table
 from evaluator.report.export import csv_text, latex, markdown
 from evaluator.report.notebook import pictures
 from evaluator.report.page import paper_page, write_report
-from evaluator.report.paper_tables import paper_tables
 from evaluator.report.tables import tables
 from evaluator.scores.scoring import read_graded, score_episode
 from evaluator.store.run_folder import RunFolder

@@ -10,7 +10,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from evaluator.calibration.stated import StatedDifficulty, stated_difficulties
+from evaluator.calibration.adaptive import StatedDifficulty, stated_difficulties
 from evaluator.certify.records import SceneCertificate, engine_note, read_certificates
 from evaluator.commands.base import (
     PROMPTINGS,

@@ -1,8 +1,8 @@
-"""Terminal output of a run: progress with accuracy, cost and pace, and the final results."""
+"""Terminal output of a run: progress with accuracy, cost and pace, the final results, and tables of evidence."""
 
 import time
 from collections import Counter
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from types import TracebackType
 from typing import Self
@@ -16,8 +16,9 @@ from rich.text import Text
 from evaluator.answers.keys import KeyRing
 from evaluator.errors import UsageError
 from evaluator.records.episode import Episode, EpisodeKey, Outcome, Verdict
+from evaluator.records.evidence import EvidenceVerdict
 from evaluator.scores.metrics import GroupSummary, RunSummary, summarise
-from evaluator.scores.scored_episode import ScoredEpisode, law_sentence, scene_title
+from evaluator.scores.scored_episode import EvidenceSummary, ScoredEpisode, law_sentence, scene_title
 from evaluator.scores.scoring import GradedRun, strict_verdict
 from evaluator.scores.wording import (
     ability_sentence,
@@ -301,3 +302,20 @@ def _floors(group: GroupSummary) -> str:
         skill += f", 95 % interval {decimal(ends[0])} to {decimal(ends[1])}"
     parts = [skill, f"Gated {score_text(group.gated)}", floor_sentence({"": group})]
     return "   ".join(filter(None, parts))
+
+
+_CALLS = ("answered before the evidence", "calls until it sufficed (median)", "calls after it (median)")
+
+
+def evidence_table(rows: Mapping[str, EvidenceSummary]) -> Table:
+    """A table with a row for each agent, or for each side of a comparison.
+
+    Args:
+        rows: Name of the row → evidence of its episodes.
+    """
+    table = Table("", *EvidenceVerdict, "not measurable", *_CALLS)
+    for name, found in rows.items():
+        calls = ("–" if calls is None else f"{calls:g}" for calls in (found.calls_until, found.calls_after))
+        counts = (*found.verdicts.values(), found.not_measurable, found.answered_before)
+        table.add_row(Text(printable(name)), *map(str, counts), *calls)
+    return table

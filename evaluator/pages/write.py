@@ -12,8 +12,7 @@ from evaluator.certify.records import read_certificates
 from evaluator.certify.renderer import NoRenderer
 from evaluator.errors import UsageError
 from evaluator.pages.pictures import Picture, draw_pictures
-from evaluator.pages.scene_page import scene_page
-from evaluator.pages.scene_table import PICTURES, SCENES_PAGE, SMALL, Listing, Steps, page_name, scenes_page
+from evaluator.pages.scene_table import PICTURES, SCENES_PAGE, SMALL, Listing, Steps, page_name, scene_page, scenes_page
 from scenes import Pack, PackError, PackFiles, PublicPack, read_pack, same_pack
 from scenes.protocol import ANSWER, Call, Reading
 

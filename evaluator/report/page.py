@@ -20,7 +20,7 @@ from evaluator.records.episode import Outcome
 from evaluator.records.evidence import EvidenceVerdict
 from evaluator.report import tables
 from evaluator.report.agent_results import AgentResults, Run, agent_results, packs_of
-from evaluator.report.agent_tables import abilities_table, errata_table, laws_table, verdict_grid
+from evaluator.report.agent_tables import BUCKETS, abilities_table, bucket, errata_table, laws_table, verdict_grid
 from evaluator.report.attachments import own_folder, write_anew, write_player
 from evaluator.report.baselines import baseline_table
 from evaluator.report.call_rows import is_long
@@ -28,7 +28,6 @@ from evaluator.report.charts import Chart, Point, Series, chart
 from evaluator.report.evidence import NOT_MEASURABLE, PLANE, evidence_table, planes
 from evaluator.report.export import shown
 from evaluator.report.notebook import Entry, entries, laid_out, question, returned
-from evaluator.report.paper_tables import BUCKETS, bucket
 from evaluator.scores.dimensions import WEIGHTS
 from evaluator.scores.failures.findings import FailureMode
 from evaluator.scores.spending import Spending, calls_made, spending

@@ -19,8 +19,8 @@ from evaluator.records.episode import Episode, EpisodeKey, Frame, GradeRecord, R
 from evaluator.records.evidence import EvidenceRecord
 from evaluator.records.run import RunRecord
 from evaluator.store import durable
+from evaluator.store.durable import Seal
 from evaluator.store.redaction import Redaction
-from evaluator.store.seal import Seal
 
 R = TypeVar("R", bound=Record)
 

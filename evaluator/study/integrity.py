@@ -9,8 +9,8 @@ from pydantic import ValidationError
 from evaluator.errors import StoreError, UsageError, reason_of
 from evaluator.records.episode import FORMAT, Record
 from evaluator.records.run import PlayedWorld, RunRecord, SeedKey, SeedOf, seed_as_recorded
+from evaluator.store.durable import Seal
 from evaluator.store.run_folder import RunFolder
-from evaluator.store.seal import Seal
 from scenes import (
     PackError,
     PackFiles,

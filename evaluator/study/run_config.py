@@ -16,8 +16,7 @@ from evaluator.agents.models.choice import Options, parse_model
 from evaluator.agents.models.lanes import Lanes, Patience
 from evaluator.agents.presentation import Change, presented
 from evaluator.agents.recorded import load_recorded
-from evaluator.agents.reference import ReferenceAgent
-from evaluator.agents.scripted import BatchAgent, ConstantAgent, load_script
+from evaluator.agents.reference import BatchAgent, ConstantAgent, ReferenceAgent, load_script
 from evaluator.agents.stopping import with_stopping
 from evaluator.agents.takers import TakerAgent
 from evaluator.episode.loop import AgentParticipant, Participant

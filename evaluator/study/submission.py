@@ -19,8 +19,8 @@ from evaluator.records.run import RunRecord
 from evaluator.scores.metrics import RunSummary, summarise
 from evaluator.scores.scored_episode import WITHDRAWN, ScoredEpisode
 from evaluator.scores.scoring import graded_rows
+from evaluator.store.durable import Seal
 from evaluator.store.run_folder import RunFolder
-from evaluator.store.seal import Seal
 from evaluator.study.integrity import refuse_other_packs
 from evaluator.study.replay import REL_TOL
 from scenes import reference_of

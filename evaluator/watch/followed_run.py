@@ -21,8 +21,7 @@ from evaluator.scores.dimensions import ExperimentCost, cost_of
 from evaluator.scores.grouping import rung
 from evaluator.scores.scored_episode import scene_title
 from evaluator.store.run_folder import RunFolder
-from scenes import LabLimits, PackError, Rung, find_pack, reference_of, same_pack
-from scenes.public import read_public
+from scenes import LabLimits, PackError, Rung, find_pack, read_public, reference_of, same_pack
 
 _SHOWN = 200
 """Largest number of characters kept of an answer or an error message."""

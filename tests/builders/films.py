@@ -9,7 +9,7 @@ from typing import Any
 
 import anyio
 
-from evaluator.agents.scripted import ScriptedAgent
+from evaluator.agents.reference import ScriptedAgent
 from evaluator.certify.verify import MemoryConnector
 from evaluator.episode.loop import play_episode
 from evaluator.records.episode import EpisodeKey, ToolCall

@@ -10,15 +10,19 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from evaluator.agents.attackers.controls import Control, Survey, all_controls, look_around, wait
 from evaluator.agents.attackers.readings import (
+    Control,
     Opening,
     Quantity,
+    Survey,
     all_calls,
+    all_controls,
+    look_around,
     motion_calls,
     quantities,
     read_opening,
     unit,
+    wait,
 )
 from evaluator.agents.reference import ProtocolPlayer
 from evaluator.episode.player import Briefing

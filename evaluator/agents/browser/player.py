@@ -1,18 +1,19 @@
 """A person in a browser as an agent, with the same briefing, tools and budget as every other agent.
 
-`PageState` connects the agent to the page: the page reads the state and submits the person's turns. This module does
-not use HTTP.
+`PageState` connects the agent to the page: the page reads the state and submits the person's turns. `Visitor` and
+`Ending` hold what the page shows besides the episode. This module does not use HTTP.
 """
 
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
+from pathlib import Path
 from typing import Any
 
 import anyio
 import mcp_types as types
+from pydantic import JsonValue
 
-from evaluator.agents.browser.cards import Ending, Visitor
 from evaluator.agents.human import Left, refuse_commas
 from evaluator.episode.player import ANSWER, Briefing, Feedback, Reply
 from evaluator.episode.protocols.typed import TypingError
@@ -20,6 +21,39 @@ from evaluator.episode.toolbox import arguments_problem, joined, schema_validato
 from evaluator.errors import RefusedRequest
 from evaluator.records.episode import EpisodeKey, Exchange, ToolCall
 from physment_mcp.contract.last_read import Reading, read_after
+
+
+@dataclass(frozen=True, slots=True)
+class Ending:
+    """How an episode ended, for the page. Exists only after the episode is over and graded."""
+
+    sentence: str
+    correct: bool | None = None
+    """Whether the answer is right; None if nothing was recorded."""
+    key: JsonValue = None
+    """The answer key; None if nothing was recorded."""
+    answer: JsonValue = None
+    """The accepted answer; None without one."""
+    report: Path | None = None
+    """The report of the episode; None if nothing was recorded."""
+    choices: Mapping[str, str] = field(default_factory=dict[str, str])
+    """Choices for the next episode: `seed` and `scene` → name. Empty if there are none."""
+
+
+@dataclass(slots=True)
+class Visitor:
+    """A person who takes part in a challenge, as the page shows it."""
+
+    code: str
+    """Pseudonym of the person in all records."""
+    consent: str
+    """One sentence that the person agrees to before the first episode."""
+    ends_at: float | None = None
+    """When the person's time ends, on the monotonic clock [s]; None before the consent, or without a limit."""
+    agreed: bool = False
+    minutes: float | None = None
+    """Time from the consent on [min]; None without a limit."""
+
 
 MOST_CALLS = 50
 """Largest number of calls in one turn."""

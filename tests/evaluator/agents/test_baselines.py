@@ -8,8 +8,7 @@ import pytest
 from mcp import Client
 
 from evaluator.agents.baselines import GUESS_RANGE, BlindAgent, OracleOnceAgent, RandomAgent
-from evaluator.agents.reference import ReferenceAgent
-from evaluator.agents.scripted import load_script
+from evaluator.agents.reference import ReferenceAgent, load_script
 from evaluator.answers.grading import grade
 from evaluator.answers.keys import KeyRing
 from evaluator.answers.strict import AnswerKey

@@ -2,7 +2,7 @@
 
 import pytest
 
-from evaluator.agents.scripted import BatchAgent, ConstantAgent, best_constant
+from evaluator.agents.reference import BatchAgent, ConstantAgent, best_constant
 from evaluator.episode.player import Briefing
 from evaluator.errors import AgentError
 from evaluator.study.run_config import RunConfig, participants_of

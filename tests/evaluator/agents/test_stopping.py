@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 import pytest
 from mcp import Client
 
-from evaluator.agents.scripted import ScriptedAgent
+from evaluator.agents.reference import ScriptedAgent
 from evaluator.agents.stopping import stated_confidence, with_stopping
 from evaluator.episode.loop import play_episode
 from evaluator.episode.player import Briefing, Feedback, Reply

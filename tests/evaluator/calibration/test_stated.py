@@ -5,8 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from evaluator.calibration.adaptive import DIFFICULTIES, read_calibration
-from evaluator.calibration.stated import StatedDifficulty, stated_difficulties
+from evaluator.calibration.adaptive import DIFFICULTIES, StatedDifficulty, read_calibration, stated_difficulties
 from evaluator.errors import UsageError
 from scenes import find_pack
 

@@ -9,7 +9,7 @@ from pathlib import Path
 import anyio
 import pytest
 
-from evaluator.agents.scripted import ScriptedAgent
+from evaluator.agents.reference import ScriptedAgent
 from evaluator.episode.connect import connect
 from evaluator.episode.hosts import LocalHost
 from evaluator.episode.loop import play_episode

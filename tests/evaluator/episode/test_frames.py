@@ -9,7 +9,7 @@ import pytest
 from mcp import Client
 from mcp.server.lowlevel import Server
 
-from evaluator.agents.scripted import ScriptedAgent
+from evaluator.agents.reference import ScriptedAgent
 from evaluator.episode.connect import connect
 from evaluator.episode.hosts import LocalHost
 from evaluator.episode.loop import play_episode

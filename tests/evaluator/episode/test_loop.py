@@ -10,7 +10,7 @@ from mcp import Client
 from mcp.server.lowlevel import Server
 from mcp.shared.exceptions import MCPError
 
-from evaluator.agents.scripted import ScriptedAgent
+from evaluator.agents.reference import ScriptedAgent
 from evaluator.episode.loop import opening_prompt, play_episode
 from evaluator.episode.player import Agent, Briefing, Feedback, Reply
 from evaluator.episode.protocols.text import feedback_text, parse_reply

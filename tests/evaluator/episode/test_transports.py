@@ -6,8 +6,7 @@ import pytest
 from mcp import Client
 from pydantic_core import to_json
 
-from evaluator.agents.reference import ReferenceAgent
-from evaluator.agents.scripted import ScriptedAgent
+from evaluator.agents.reference import ReferenceAgent, ScriptedAgent
 from evaluator.episode.connect import connect
 from evaluator.episode.loop import play_episode
 from evaluator.records.episode import Episode

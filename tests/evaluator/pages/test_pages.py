@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from evaluator.calibration.stated import stated_difficulties
+from evaluator.calibration.adaptive import stated_difficulties
 from evaluator.certify.difficulty import play
 from evaluator.commands.program import main
 from evaluator.pages.scene_table import KINDS, Listing, Steps, answer_form, scenes_page

@@ -5,8 +5,8 @@ import re
 import pytest
 
 from evaluator.report.agent_results import BUDGETS, CATEGORIES, PAPER, REGRADED, Run, agent_results
+from evaluator.report.agent_tables import MARK, bucket, heat_map, paper_tables
 from evaluator.report.page import paper_page
-from evaluator.report.paper_tables import MARK, bucket, heat_map, paper_tables
 from evaluator.report.tables import Share, Table
 from evaluator.scores.dimensions import final_score
 from scenes import Category

@@ -9,9 +9,9 @@ import pytest
 
 from evaluator.commands.terminal import summary_lines
 from evaluator.report.agent_results import Run, agent_results
+from evaluator.report.agent_tables import paper_tables
 from evaluator.report.export import csv_text, latex, markdown
 from evaluator.report.page import paper_page, render
-from evaluator.report.paper_tables import paper_tables
 from evaluator.report.tables import tables
 from evaluator.scores.dimensions import WEIGHTS
 from evaluator.scores.metrics import summarise

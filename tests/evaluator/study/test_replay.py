@@ -8,7 +8,7 @@ import anyio
 import pytest
 
 from evaluator.agents.recorded import RecordedAgent, load_recorded
-from evaluator.agents.scripted import ScriptedAgent
+from evaluator.agents.reference import ScriptedAgent
 from evaluator.certify.verify import MemoryConnector
 from evaluator.commands.program import main
 from evaluator.episode.loop import play_episode

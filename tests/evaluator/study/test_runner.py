@@ -9,7 +9,7 @@ import anyio
 import pytest
 from mcp import Client
 
-from evaluator.agents.scripted import ScriptedAgent
+from evaluator.agents.reference import ScriptedAgent
 from evaluator.answers.grading import grade_missing
 from evaluator.episode.connect import EpisodeConnector
 from evaluator.episode.hosts import HostConnector

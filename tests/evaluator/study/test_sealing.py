@@ -6,8 +6,8 @@ import pytest
 
 from evaluator.commands.program import main
 from evaluator.errors import StoreError
+from evaluator.store.durable import Seal
 from evaluator.store.run_folder import RunFolder
-from evaluator.store.seal import Seal
 from evaluator.study.integrity import Sealing, seal_note
 
 EDITS = {
