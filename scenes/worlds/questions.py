@@ -1,7 +1,8 @@
 """Questions of a world: situations that its laboratory does not allow, and the requested quantity.
 
-A question starts from the initial state of the apparatus, without a wall. Visible bodies are placed at given positions
-and released at a given time. Placing a body affects no hidden body and adds nothing to the path length.
+A question starts from the initial state of the apparatus, without a wall. Visible bodies are placed at given positions,
+held there and released at a given time. The placement itself affects no hidden body and adds nothing to the path
+length. Hidden bodies move while the visible bodies are held.
 """
 
 from dataclasses import dataclass
