@@ -91,7 +91,7 @@ def test_the_grid_integrates_as_quadrature_does() -> None:
 
 
 def test_variance_components_by_hand() -> None:
-    # Two takers, two scenes, two seeds: a is right where b is wrong in scene 1, and they are alike in scene 2.
+    # Two takers, two scenes, two seeds: in scene 1, a is right and b is wrong; in scene 2, both are wrong.
     right = {("a", 1): 1, ("b", 1): 0, ("a", 2): 0, ("b", 2): 0}
     data = counted_responses({(t, s, v): (one, 1) for (t, s), one in right.items() for v in (0, 1)})
     found = components(data)

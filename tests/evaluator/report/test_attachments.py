@@ -1,4 +1,4 @@
-"""Tests of untrusted films and frames: invalid files are left out of the report, and no script of theirs runs."""
+"""Tests of untrusted films and frames: the report omits invalid files, and scripts in files do not run."""
 
 import os
 import re
