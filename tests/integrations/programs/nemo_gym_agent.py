@@ -29,7 +29,7 @@ def next_message(model: str, messages: list[dict[str, Any]], tools: list[dict[st
 
 
 def play(client: TestClient, model: str, row: dict[str, Any]) -> dict[str, Any]:
-    """Play a row as `simple_agent` does: seed, then ask and call until the model or the budget ends it, then verify."""
+    """Play a row as `simple_agent` does: open a session, ask and call until the model or budget ends, then verify."""
     client.cookies.clear()
     assert client.post("/seed_session", json=row).status_code == 200
     asked, output = row["responses_create_params"], []
