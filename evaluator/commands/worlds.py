@@ -265,7 +265,10 @@ def _verify(args: argparse.Namespace) -> int:
         faults = dict.fromkeys(missing, "no certificate") | _faults(console, level, worlds, args.workers)
         for index, fault in sorted(faults.items()):
             console.print(f"world:{level}:{index}: {fault}", markup=False, highlight=False)
-        wrong, checked = wrong + len(faults), checked + len(worlds) + len(missing)
+        there = len(worlds) + len(missing)
+        if len(levels) > 1:
+            console.print(f"level {level}: {there - len(faults)} of {there}", highlight=False)
+        wrong, checked = wrong + len(faults), checked + there
     console.print(f"{checked - wrong} of {checked} worlds are sound", highlight=False)
     return 1 if wrong else 0
 
