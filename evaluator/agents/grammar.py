@@ -43,10 +43,10 @@ class _GrammarPlayer:
         self.player = ProtocolPlayer(solve, self.prompt)
 
     async def act(self, feedback: Feedback | None) -> Reply:
-        """Return the next batch of calls, or the answer with an explanation of the model behind it.
+        """Return the next batch of calls, or the answer with a description of the law that explains the readings.
 
         Raises:
-            AgentError: The task is not that of a grammar world.
+            AgentError: The prompt is not that of a grammar world.
         """
         reply = await self.player.act(feedback)
         if self.predictions and any(call.tool == ANSWER for call in reply.calls):

@@ -209,7 +209,7 @@ class _TakerPlayer:
         }
 
     def _fitted(self, asked: ToolCall) -> ToolCall:
-        """Return the answering call `asked` with the answer by the best-fitting law that the taker knows.
+        """Return the `answer` call with the answer that follows from the best-fitting law that the taker knows.
 
         Without a family of laws in the pack, the call is returned unchanged. The law that the protocol inferred is
         removed from the call if the taker does not know it.

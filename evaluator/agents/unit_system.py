@@ -72,7 +72,7 @@ LAW_UNITS = (
     "the acceleration of each object in SI units (metres, seconds, kilograms, newtons), unlike all other arguments of"
     " the tools,",
 )
-"""Words of the description of `law`, which is not converted, and the words that replace them."""
+"""Words in the description of the argument `law`, whose units are not converted, and the words that replace them."""
 
 _BOUNDS = frozenset({"minimum", "maximum", "exclusiveMinimum", "exclusiveMaximum", "default"})
 _BRACKETS = re.compile(r"\[([^\]\s]+)\]")

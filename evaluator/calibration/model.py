@@ -3,12 +3,13 @@
     logit P(right) = ability(taker) - difficulty(scene) - deviation(scene:seed)
     difficulty(scene) = features · effects + rest(scene)
 
-A taker is an agent under one condition. Rests and deviations are normal random effects, whose standard deviations
-("spreads") are estimated from the answers (partial pooling). They are integrated out numerically on a grid, because
-Laplace's approximation makes abilities 7 to 10 % too small where few takers answer a variant. Abilities and effects
-have wide normal priors. The prior density of a spread is proportional to the spread, which prevents estimates of 0 from
-few answers (Chung et al. 2013, Psychometrika 78, 685). Standard errors come from the curvature of the posterior at its
-mode, spreads included. The mean difficulty of scenes with the average features is 0, which fixes the scale.
+A taker is an agent under one condition. The residual `rest` of a scene and the deviation of a variant are normal random
+effects. Their standard deviations ("spreads") are estimated from the answers (partial pooling). The effects are
+integrated out numerically on a grid, because Laplace's approximation makes abilities 7 to 10 % too small where few
+takers answer a variant. Abilities and effects of features have wide normal priors. The prior density of a spread is
+proportional to the spread, which prevents estimates of 0 from few answers (Chung et al. 2013, Psychometrika 78, 685).
+Standard errors come from the curvature of the posterior at its mode, spreads included. The mean difficulty of scenes
+with the average features is 0, which fixes the scale.
 """
 
 import math
@@ -31,7 +32,7 @@ Array = NDArray[np.float64]
 EFFECT_SD = 1.0
 """Prior standard deviation of effects of standardised features [logits]."""
 _RESTS, _DEVIATIONS = 25, 9
-"""Number of grid points for rests and for deviations."""
+"""Number of grid points for the residuals of scenes and for the deviations of variants."""
 _CHANGE = 1e-4
 """Step of the finite differences for the curvature [logits]."""
 
@@ -119,7 +120,7 @@ class _Posterior:
         odds = np.exp(middle)[:, None, None] * np.exp(-shift)
         right, stated = (np.add.reduceat(part, self.first_cells) for part in (self.right, self.right * middle))
         certain = np.add.reduceat(self.answers[:, None, None] * np.log1p(odds), self.first_cells, axis=0)
-        # Integrate over the deviation of each variant, then over the rest of each scene.
+        # Integrate over the deviation of each variant, then over the residual of each scene.
         of_variant = stated[:, None, None] - right[:, None, None] * shift - certain + self.deviation_weights
         inner = _log_sum(of_variant, 2)
         of_scene = np.add.reduceat(inner, self.first_variants, axis=0) + self.rest_weights

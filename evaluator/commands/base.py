@@ -234,10 +234,11 @@ def run_async(play: Callable[[], Awaitable[T]]) -> T:
 
 
 async def _until_signalled(play: Callable[[], Awaitable[T]]) -> T:
-    """Await the work; SIGTERM and SIGHUP cancel it at an await, as asyncio does for Ctrl-C.
+    """Await the work. SIGTERM and SIGHUP cancel it at its next `await`, as Ctrl-C does under asyncio.
 
-    asyncio installs no handler if SIGINT is ignored, as in a background job of a script. Without this function, a
-    signal would then raise its exception in the middle of any function and end the program with a traceback.
+    The usual handler of both passes them on as SIGINT, which asyncio handles. A background job of a script ignores
+    SIGINT. The usual handler would then raise KeyboardInterrupt in the middle of any function, and the program would
+    end with a traceback.
     """
     loop, task = asyncio.get_running_loop(), asyncio.current_task()
     assert task is not None

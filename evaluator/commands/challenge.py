@@ -108,7 +108,7 @@ def add(commands: Commands) -> None:
 
 @dataclass(frozen=True, slots=True)
 class _Settings:
-    """The settings of a challenge: scenes, difficulties and addresses."""
+    """A challenge with the plan, the packs and the difficulties of its run."""
 
     challenge: Challenge
     plan: Plan

@@ -28,7 +28,7 @@ Say which of two runs is better on the episodes they have in common, by how much
 Episodes are paired by scene, seed, epoch, and each of agent, budget, prompting, protocol of which a run has several.
 """
 _WIDE = 110
-"""Columns of a terminal from which on the table has all its columns."""
+"""Smallest width of a terminal at which the table has all its columns [characters]."""
 _NARROW = ("A right", "B right", "B − A", "95 % interval", "p")
 """Columns of the table in a narrower terminal, so that no number is cut."""
 

@@ -1,4 +1,7 @@
-"""`physment-eval play N`: a person solves a scene in the terminal. The episode is saved and graded as any other."""
+"""`physment-eval play N`: a person solves a scene in the terminal or the browser.
+
+The episode is saved and graded as any other.
+"""
 
 import argparse
 import signal

@@ -46,7 +46,7 @@ from scenes.model import noise_of_seed
 from scenes.splits import splits
 
 _WIDE = 120
-"""Columns of a terminal from which on the list has all its columns."""
+"""Smallest width of a terminal at which the list has all its columns [characters]."""
 _DESCRIPTION = """\
 List the scenes, show one, start a new one, or write the pages about them.
 """

@@ -83,7 +83,7 @@ _MARKS = {Verdict.CORRECT: "[green]✓[/]", Verdict.INCORRECT: "[red]✗[/]", Ve
 _MOST_ROWS = 120
 """Largest number of episodes that are listed individually in the terminal."""
 _WIDE = 100
-"""Columns of a terminal from which on names of scenes are not wrapped at 16 columns, and are part of the progress."""
+"""Smallest width of a terminal at which scene names are not wrapped at 16 characters and the progress shows them."""
 
 
 class ProgressDisplay:

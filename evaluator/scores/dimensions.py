@@ -136,8 +136,8 @@ WEIGHTS = {"c": 0.40, "e": 0.15, "g": 0.15, "v": 0.10, "r": 0.10, "g_prime": 0.1
 SCORING_VERSION = 2
 """Version of the scoring rules, stored with each summary; incremented when scores change but verdicts do not.
 
-In version 1, a mean included only the episodes that define the dimension, G was a mean over episodes and counted the
-numbers of plans as statements, and V and R were defined for episodes without experiments.
+In version 1, a mean included only the episodes that define the dimension, G was a mean over episodes and counted
+numbers in statements of intent as assertions, and V and R were defined for episodes without experiments.
 """
 
 _WORD = re.compile(r"[^\W_]+(?:[._'’-][^\W_]+)*")
@@ -155,7 +155,7 @@ class EpisodeScores(Record):
     g_plus: float | None
     """G+: as `g`, but numbers that follow by stated arithmetic from known numbers count as supported."""
     numbers: int
-    """Number of assertions: numbers that the reasoning states, except those of plans."""
+    """Number of assertions: numbers that the reasoning states, except those in statements of intent."""
     supported: int
     """Number of assertions that an earlier result supports."""
     derived: int

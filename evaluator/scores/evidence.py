@@ -1,4 +1,4 @@
-"""Sources of the numbers in a text: values that calls returned, plans, and arithmetic that the text contains."""
+"""Sources of the numbers in a text: values that calls returned, statements of intent, and arithmetic in the text."""
 
 import math
 import re
@@ -98,14 +98,20 @@ _END = re.compile(r"[.!?;](?=\s|$)|\n|\b(?:because|since)\b", re.IGNORECASE)
 
 
 class PlannedText(NamedTuple):
-    """A part of a text: index of its first character, and the index after its last."""
+    """A statement of intent in a text, such as `I will push`.
+
+    The fields are the index of its first character and the index after its last.
+    """
 
     start: int
     end: int
 
 
 def plans_in(text: str) -> list[PlannedText]:
-    """Find the plans of a text. A plan starts at words such as `I will` and ends with the sentence or at `because`."""
+    """Find the statements of intent in a text.
+
+    Each starts at words such as `I will` and ends with the sentence or at `because`.
+    """
     found: list[PlannedText] = []
     for announced in _PLAN.finditer(text):
         if found and announced.start() < found[-1].end:
@@ -116,7 +122,7 @@ def plans_in(text: str) -> list[PlannedText]:
 
 
 def is_planned(plans: Sequence[PlannedText], position: int) -> bool:
-    """Whether the character at a position belongs to a plan."""
+    """Whether the character at a position belongs to a statement of intent."""
     return any(plan.start <= position < plan.end for plan in plans)
 
 

@@ -1,8 +1,8 @@
 """G, the grounding: which numbers in an agent's reasoning were measured. Pure functions of recorded episodes.
 
 An assertion is a number that the reasoning states. The following are not assertions: a number inside a word or an
-exponent, a coefficient of a formula, a count of steps, the number of an object, a number from the prompt, a number of a
-plan (`I will push for 0.5 s`), and a number that the agent passes as an argument of any call.
+exponent, a coefficient of a formula, a count of steps, the number of an object, a number from the prompt, a number in a
+statement of intent (`I will push for 0.5 s`), and a number that the agent passes as an argument of any call.
 
 An assertion is grounded if a call of an *earlier* turn returned its value: equal at the precision written, in a
 compatible unit, and with the same sign unless the text calls it a magnitude. It is derived if it follows, by arithmetic

@@ -67,7 +67,7 @@ def normal_grid(points: int) -> tuple[Array, Array]:
 def scene_likelihood(difficulty: SceneDifficulty, answers: Answers) -> Array:
     """Return the logarithm of the likelihood of the answers in one scene, at each ability of the grid."""
     if len(answers) == 1:
-        # The error and the deviation of a single variant are one normal variable.
+        # With a single variant, the sum of the error and the deviation is one normal variable.
         difficulty = SceneDifficulty(difficulty.logits, 0.0, math.hypot(difficulty.se, difficulty.variant_sd))
     rests, rest_weights = normal_grid(_RESTS if difficulty.se else 1)
     deviations, deviation_weights = normal_grid(_DEVIATIONS if difficulty.variant_sd else 1)

@@ -118,7 +118,7 @@ def proportion(verdicts: Iterable[tuple[int, bool]]) -> Proportion:
         n_correct=n_correct,
         n_scenes=scenes,
         share=n_correct / n,
-        # If all n episodes are right, this is exactly all of the effective number, so the upper end is exactly 1.
+        # If all n episodes are right, the successes equal the effective number exactly, so the upper end is exactly 1.
         interval=wilson_interval(effective if n_correct == n else effective * n_correct / n, effective),
         method=IntervalMethod.CLUSTERED if clustered else IntervalMethod.WILSON,
         effective_n=effective,

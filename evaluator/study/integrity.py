@@ -203,7 +203,7 @@ def is_withheld(folder: RunFolder) -> bool:
 
 
 def played_worlds(packs: Iterable[PackFiles], scenes_dir: Path | None) -> dict[str, PlayedWorld]:
-    """Provenance of the generated worlds among packs, by reference.
+    """Map the references of the packs that are made from world records to the provenance of their worlds.
 
     Raises:
         UsageError: The record of a world cannot be read.
@@ -214,7 +214,7 @@ def played_worlds(packs: Iterable[PackFiles], scenes_dir: Path | None) -> dict[s
 
 
 def refuse_other_worlds(run: RunRecord, scenes_dir: Path | None) -> None:
-    """Raise if a run cannot be resumed because a world in the folder of packs differs from the recorded one.
+    """Raise if a world in the folder of packs differs from the one that the run was played in.
 
     Raises:
         UsageError: A world differs or is missing.

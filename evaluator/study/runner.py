@@ -1,7 +1,7 @@
 """Plays episodes concurrently, retries them after infrastructure errors, and writes each to disk when it ends.
 
-A meter adds up what they use, and stops the run at its limits of cost, tokens and wall time. The running episodes are
-listed for `watch` in a small file in the run folder, which is removed at the end.
+A meter adds up the cost, tokens and wall time of the episodes. Once a limit is reached, the run starts no further
+episode. The running episodes are listed for `watch` in a small file in the run folder, which is removed at the end.
 """
 
 import contextlib
@@ -22,7 +22,7 @@ from evaluator.store.run_folder import RunFolder
 from evaluator.study.meter import Meter
 
 _EVERY_S = 1.0
-"""Time between two writes of the file [s]."""
+"""Time between two writes of the file of running episodes [s]."""
 
 
 @dataclass(slots=True)

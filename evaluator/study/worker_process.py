@@ -66,7 +66,7 @@ async def serve(connection: socket.socket) -> None:
     async def answer(number: int, what: str, arguments: tuple[Any, ...]) -> None:
         try:
             outcome = await getattr(worker, what)(*arguments)
-        except Exception:  # noqa: BLE001 - the run must see it, and not only that this process has ended
+        except Exception:  # noqa: BLE001 - the run must receive the traceback, not only learn that this process ended
             outcome = Crash(traceback.format_exc())
         channel.send((number, outcome))
 

@@ -14,7 +14,7 @@ from scenes.protocol import Call, Reading, call
 _DEFAULT_FORCE_N, _DEFAULT_TORQUE_NM, _DEFAULT_CALLS, _DEFAULT_LAB_TIME_S = 10.0, 1.0, 150, 100.0
 """Used where a scene states no limit."""
 _LAST_SENTENCES = 4
-"""Number of sentences at the end of the task in which the values of the question are searched."""
+"""Number of sentences, from the end of the task, that are searched for the values that the question states."""
 _PURE_NUMBER = Unit(Fraction(1), (0, 0, 0))
 _OBJECT_ROW = re.compile(r"^\| (object_\d+) \|", re.MULTILINE)
 _UNIT = re.compile(r"\((?:in (?P<unit>.+?)|no unit)\)(?=[.;]|$)")

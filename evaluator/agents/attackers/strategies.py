@@ -275,7 +275,7 @@ def _within_limits(attempt: Callable[[Opening], Attempt]) -> Callable[[str], Pro
                     time_left -= duration
                     made.append(asked)
                 calls_left -= len(made)
-                # The loop reads a turn without calls as a malformed reply, so it is not yielded.
+                # The loop would treat a turn without calls as malformed, so an empty turn is not yielded.
                 readings = (yield made) if made else []
                 batch = playing.send([*readings, *({} for _ in batch[len(made) :])])
         except StopIteration as end:

@@ -84,7 +84,7 @@ class _Pages:
     states: Mapping[str, PageState]
 
     async def page(self, request: Request) -> Response:
-        """Return the HTML of the page. This request needs no page number, unlike the others."""
+        """Return the HTML of the page. A browser opens it without a page number."""
         await anyio.lowlevel.checkpoint()
         self._of(request)
         text = (files("evaluator.agents.browser") / "play.html").read_bytes()
@@ -135,7 +135,7 @@ class _Pages:
         return Response(status_code=204)
 
     async def report(self, request: Request) -> Response:
-        """The report of the episode, once it is over. Links need no page number."""
+        """Return the report of an ended episode. A browser follows the link to it without a page number."""
         await anyio.lowlevel.checkpoint()
         ending = self._of(request).ending
         if ending is None or ending.report is None:

@@ -37,7 +37,7 @@ class Ending:
     report: Path | None = None
     """The report of the episode; None if nothing was recorded."""
     choices: Mapping[str, str] = field(default_factory=dict[str, str])
-    """Choices for the next episode: `seed` and `scene` → name. Empty if there are none."""
+    """Name of each choice for the next episode, such as `seed` or `next` → its text. Empty if there are none."""
 
 
 @dataclass(slots=True)
@@ -84,7 +84,7 @@ class PageState:
     ending: Ending | None = None
     """How the episode ended; None while it runs."""
     rules: Mapping[str, Any] = field(default_factory=dict[str, Any])
-    """Limits and further quantities from the prompt, as JSON values: `limits` and `steps`."""
+    """Limits and intermediate quantities that the prompt states, as JSON values: `limits` and `steps`."""
     number: int = 1
     """Number of the episode on this page, from 1."""
     version: int = 0

@@ -213,7 +213,7 @@ class Requests:
             # Do not chain the error: the client's exception holds the request, and with it the API key.
             failure = judge(error, self.key)
             if isinstance(failure, PermanentFailure) and len(messages) > 1 and _is_rejected(error):
-                # Earlier requests were accepted, so the provider rejects this conversation, not every one.
+                # Earlier requests were accepted, so the provider rejects this conversation, not every request.
                 raise AgentError(str(failure)) from None
             raise failure from None
         reason = raw_finish_reason(response)
