@@ -23,15 +23,15 @@ LAW_GRADER_VERSION = "3"
 EQUIVALENT = 0.05
 """Largest median error of the predicted motion at which a law can be equivalent, relative to the distance moved.
 
-The median over courses does not show an effect that few of them have. An equivalent law must therefore also miss no
-dependence (see `_dependences`).
+The median over the simulated motions hides an effect that occurs in few of them. An equivalent law must therefore also
+depend on every quantity on which the true law depends (see `_dependences`).
 """
 _COURSES = 20
-"""Number of simulated courses inside the region that the laboratory allows, and number of courses outside it."""
+"""Number of simulated motions that start in the region that the laboratory allows, and number that start outside it."""
 _LEGS = 2
-"""Number of legs of a course."""
+"""Number of legs of a simulated motion."""
 _LEAST = 0.2
-"""Lower limit of the motion by which a course's error is divided, as a share of the median motion of all courses."""
+"""An error is divided by the extent of the motion, but at least by this share of the median extent of all motions."""
 _PROBES, _CLAMPED_S = 24, 3.0
 """Number of random states at which dependences are tested, and shortest time of the clamping before them [s]."""
 _INDEPENDENT, _DEPENDENT, _FELT = 0.005, 0.02, 0.01

@@ -28,7 +28,7 @@ _PARTS = re.compile(
     r"\b(?:(latch|net|rim|guard|pawl)(?:e?s)?|(?:an?|the|both|each) (catch)(?:es)?|(?:an?|the|soft|hard) (stop)s?)\b",
     re.IGNORECASE,
 )
-"""Pattern of nouns for a catch. Its group matches the noun."""
+"""Pattern of nouns for a catch. One of its groups matches the noun."""
 _ACTS = re.compile(r"\b(?:catch(?:es)?|caught|stops|for good)\b", re.IGNORECASE)
 """Words for the action of a catch."""
 _OTHER_SENSES = re.compile(

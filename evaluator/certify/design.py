@@ -133,7 +133,11 @@ class Design:
         return replace(found, unit=best.x, chi_square=2 * float(best.cost))
 
     def suffices(self) -> bool:
-        """Whether the estimated answer is precise enough, and the same for all remaining discrete values."""
+        """Whether the readings determine the answer.
+
+        Every number must be known to within `SUFFICIENT` tolerances and every choice with the probability `CERTAIN`.
+        The answer must be the same for all remaining discrete values.
+        """
         best = self.constants(self.estimates[0])
         if any(not self.subject.agrees(self.constants(one).key, best.key) for one in self.estimates[1:]):
             return False

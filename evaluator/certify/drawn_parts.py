@@ -21,7 +21,7 @@ from scenes import Pack, PackFiles, draw_knobs, drawn_mjcf
 SEEDS = 20
 """Number of seeds whose models are compared."""
 _DRIVEN_S, _PIECE_S = 2.0, 0.1
-"""Duration of the test of laws in motion, and time after which the push is reversed [s]."""
+"""Duration of the test of laws in motion, and of its pieces [s]. The push is reversed after every second piece."""
 _LAWS = "laws"
 
 

@@ -61,7 +61,7 @@ def _differs(constants: Constants, change: dict[str, KnobValue]) -> bool:
     try:
         return not constants.subject.agrees(constants.answer(discrete=change), constants.key)
     except (NotMeasurable, PackError):
-        return False  # no such draw
+        return False  # these values cannot be sampled
 
 
 def fitted_rivals(constants: Constants, episode: Episode) -> list[Rival] | None:

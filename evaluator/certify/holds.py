@@ -61,7 +61,7 @@ def check_holds(subject: Subject, seeds: int, effort: float = 1.0) -> Check:
     try:
         reasons = _drive_all(subject, [(seed, round(share * looks)) for seed, share in draws], _SEQUENCE, tally)
         if not reasons and not all(tally.sprung):
-            # A catch that is far away acts only on a load that stays: one attack for the whole laboratory time.
+            # Only a lasting load reaches a catch that is far away: one attack for the whole laboratory time.
             reasons = _drive_all(subject, [(seed, _most_looks(subject)) for seed, _ in draws], 1, tally)
     except (ExpressionError, PackError) as error:
         return check("holds", [f"field catches: {error}"])

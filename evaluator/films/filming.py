@@ -85,7 +85,7 @@ def _refuse_other_returns(stored: Episode, now: Episode) -> None:
 
 
 class _Camera:
-    """Collects the frames of an episode's animation: the simulated time of each, and the images without repetitions."""
+    """Collects the instants of a film and its drawings, each drawing once."""
 
     def __init__(self) -> None:
         self.instants: list[Instant] = []

@@ -16,7 +16,7 @@ class Spreads(NamedTuple):
     """Standard deviations of the random effects [logits]."""
 
     scene: float
-    """Standard deviation of the difficulties of scenes that their features do not explain."""
+    """Standard deviation of the part of the difficulties of scenes that their features do not explain."""
     variant: float
     """Standard deviation of variants around their scene; 0 if no scene has two variants."""
 

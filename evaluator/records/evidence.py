@@ -52,7 +52,7 @@ def worst_bound(bounds: Iterable[float], chances: Iterable[float]) -> float:
     """Return the largest error bound of the parts of the answer [tolerances]; a choice counts by its equivalent bound.
 
     A choice that is right with probability p has the equivalent bound SUFFICIENT · q(CERTAIN) / q(p). There q(p) is the
-        half width of the interval that contains a standard normal variable with probability p.
+    half width of the interval that contains a standard normal variable with probability p.
     """
     certain = _quantile(CERTAIN)
     found = [SUFFICIENT * certain / _quantile(chance) for chance in chances if chance < 1]

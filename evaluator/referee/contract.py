@@ -104,10 +104,7 @@ class Variant:
     index: int | None = None
     """Its position in the split; None without one."""
     step: tuple[str, int, int] | None = None
-    """The curriculum that drew the variant, the difficulty step, and the `place` of its window;
-
-    None without a curriculum.
-    """
+    """The curriculum that drew the variant, its step of difficulty, and the `place` of its window; None without one."""
 
 
 @dataclass(frozen=True, slots=True)

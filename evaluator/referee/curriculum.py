@@ -27,7 +27,10 @@ WIDTH = 3
 ENOUGH = 16
 """Number of rewards at the hardest step after which the window may move."""
 RAISE, LOWER = 0.7, 0.2
-"""The window moves up at the first success rate at the hardest step or above, and down at the second or below."""
+"""Limits of the success rate at the hardest step.
+
+The window moves up if the rate is at least the first, and down if it is at most the second.
+"""
 STEPS = 10
 """Number of steps into which scenes with difficulties are divided."""
 

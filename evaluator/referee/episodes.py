@@ -81,7 +81,7 @@ class Referee:
     max_wall_s: float = 3600.0
     """Wall time after which an ungraded episode is closed [s]."""
     difficulties: Mapping[int, tuple[float, float]] = field(default_factory=dict[int, tuple[float, float]])
-    """Scene → its difficulty by a calibration and the standard error of it [logits]."""
+    """Scene → its calibrated difficulty and the standard error [logits]."""
     variants: Variants = field(init=False)
     metrics: Metrics = field(default_factory=Metrics)
     recording: Recording = field(default_factory=Recording)

@@ -18,7 +18,7 @@ class Metrics:
 
     opened: int = 0
     expired: int = 0
-    """Episodes whose lease ended before their reward was requested."""
+    """Episodes that were closed after `max_wall_s` without a request for their reward."""
     closed: int = 0
     """Episodes that the trainer closed without a reward."""
     rewards: Counter[Outcome] = field(default_factory=Counter[Outcome])

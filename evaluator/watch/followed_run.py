@@ -79,8 +79,8 @@ class FollowedRun:
         """Time at which the run wrote this list [s since 1970]."""
         self.keys = keys
         self._played_here: dict[tuple[int, str], bool] = {}
-        self._titles: dict[int, str] = {}
         """Scene and pack hash → whether the local pack is the same."""
+        self._titles: dict[int, str] = {}
         self._known: dict[bytes, FollowedEpisode | None] = {}
         self._file: tuple[int, int] = (0, 0)
         """Inode of the file, and the position up to which it was read."""

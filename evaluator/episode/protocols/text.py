@@ -6,8 +6,8 @@ tool is `tool`, `name` or `function`; the key of the arguments is `parameters`, 
 `lenient_json` describes the accepted JSON.
 
 The parser never guesses. Nothing runs, and the agent is told why, if a reply has several sets of calls, readable or
-not; if an item of the list is not a call; if arguments are outside `parameters`; or if the JSON is broken. That several
-sets are an error is the paper's rule: see docs/decisions/0040-one-set-of-calls.md.
+not; if an item of the list is not a call; if arguments are outside `parameters`; or if the JSON is broken. The
+paper's rule makes several sets an error: see docs/decisions/0040-one-set-of-calls.md.
 """
 
 import json
