@@ -26,11 +26,16 @@ Flags = NDArray[np.bool_]
 
 PRIOR = 12.0
 """Inverse variance of a constant with a uniform distribution, in units of its range."""
-_SHIFTS = (1e-4, 2e-2)
-"""Finite-difference steps, as shares of a constant's range; the second is for readings that are rough at the first."""
+_SHIFT, _FINE, _WIDE = 1e-4, 1e-6, 2e-2
+"""Finite-difference steps, as shares of a constant's range. The fine one is for readings that change over the first by
+more than their standard deviation, the wide one for readings that are rough at the others."""
 _ROUGH, _TOLD = 0.25, 1.0
 """Relative difference of the one-sided derivatives above which a reading is rough, and the smallest relevant effect:
 the change of the reading over the constant's whole range, in standard deviations."""
+_JUMP = 0.5
+"""Smallest derivative at the fine step, over the steeper one of a rough reading, if the reading does not jump."""
+_ENDS = 4.0
+"""Factor by which the derivative at the fine step exceeds the wide one of a motion that every step drives to an end."""
 _BENT = 0.5
 """Largest non-linearity over one standard error of an answer: of all readings together, in standard deviations, and of
 the answer that is fitted to them, in standard errors."""
@@ -96,16 +101,37 @@ def information(constants: Constants, episode: Episode) -> Information:
     jacobian = np.zeros((len(sigma), len(constants.names)))
     ignored = np.zeros(len(sigma), dtype=bool)
     for column, name in enumerate(constants.names):
-        above, below = slopes(constants, episode, reads, name)
-        rough = _is_rough(above, below, sigma)
-        if rough.any():
-            wide = slopes(constants, episode, reads, name, _SHIFTS[1])
-            settled = rough & ~_is_rough(*wide, sigma)
-            above, below = np.where(settled, wide[0], above), np.where(settled, wide[1], below)
-            rough = rough & ~settled
-        jacobian[:, column] = (above + below) / 2
+        jacobian[:, column], rough = _derivative(constants, episode, reads, name, sigma)
         ignored |= rough
     return _linear(constants, episode, Information.of(reads, jacobian, ignored))
+
+
+def _derivative(
+    constants: Constants, episode: Episode, reads: Sequence[Read], name: str, sigma: Array
+) -> tuple[Array, Flags]:
+    """Return the derivatives of the readings with respect to a constant, and a mask of those that have none.
+
+    A step over which a reading changes by more than its standard deviation is longer than the errors of an estimate.
+    Where constants have nearly the same effect, the curvature over such a step appears to distinguish them.
+    """
+    above, below = slopes(constants, episode, reads, name)
+    rough = _is_rough(above, below, sigma)
+    largest = np.maximum(np.abs(above), np.abs(below))
+    far, local = _SHIFT * largest > sigma, np.zeros(len(sigma))
+    if far.any():
+        fine = slopes(constants, episode, reads, name, _FINE)
+        local = np.where(far, np.minimum(np.abs(fine[0]), np.abs(fine[1])), 0.0)
+        # The derivative at the fine step omits a jump within the first step, but not the bend of a smooth change.
+        jumps = rough & (local < _JUMP * largest)
+        above, below = np.where(far, fine[0], above), np.where(far, fine[1], below)
+        rough = np.where(far, jumps | _is_rough(*fine, sigma), rough)
+    if rough.any():
+        wide = slopes(constants, episode, reads, name, _WIDE)
+        ends = local > _ENDS * np.maximum(np.abs(wide[0]), np.abs(wide[1]))
+        settled = rough & ~_is_rough(*wide, sigma) & ~ends
+        above, below = np.where(settled, wide[0], above), np.where(settled, wide[1], below)
+        rough = rough & ~settled
+    return (above + below) / 2, rough
 
 
 def _linear(constants: Constants, episode: Episode, told: Information) -> Information:
@@ -125,7 +151,7 @@ def slopes(
     episode: Episode,
     base: Sequence[Read],
     name: str,
-    shift: float = _SHIFTS[0],
+    shift: float = _SHIFT,
     discrete: Mapping[str, KnobValue] | None = None,
 ) -> tuple[Array, Array]:
     """Return the one-sided derivatives of the readings with respect to a constant, from above and from below.

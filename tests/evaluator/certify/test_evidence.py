@@ -27,6 +27,7 @@ XML = """<mujoco><option timestep="0.005" gravity="0 0 0"/><worldbody>
 PUSH = 'call("apply_force", object_id="object_1", force_vector=[2, 0, 0]), call("step", duration=1.0)'
 LOOK = 'call("get_velocity", object_id="object_1")'
 Measure = Callable[..., tuple[EvidenceRecord, float]]
+Ridge = Callable[..., tuple[Subject, Episode]]
 
 
 def written(folder: Path, calls: str, knobs: dict[str, object], theory: str, answer: object, kind: str) -> None:
@@ -223,13 +224,17 @@ def test_a_theory_that_fails_beside_the_drawn_values_leaves_the_episode_unmeasur
 
 
 @pytest.fixture
-def ridge(tmp_path: Path) -> Callable[[list[float]], tuple[Subject, Episode]]:
-    """Plays readings of a puck on an unstable equilibrium; the growth rate is 1/s, and stops limit it to ±1 m."""
+def ridge(tmp_path: Path) -> Ridge:
+    """Plays readings of a puck on an unstable equilibrium; the growth rate is 1/s and stops limit it to ±1 m.
 
-    def play(waits: list[float]) -> tuple[Subject, Episode]:
+    The equilibrium is at `top`, or at "top + side / 2".
+    """
+
+    def play(waits: list[float], place_of: str = "top") -> tuple[Subject, Episode]:
         look = 'call("get_position", object_id="object_1")'
         waiting = "".join(f', call("step", duration={wait}), {look}' for wait in waits)
-        knobs: dict[str, object] = {"top": {"canonical": 0.0, "uniform": [-1.0, 1.0]}}
+        named = ("top", "side") if "side" in place_of else ("top",)
+        knobs: dict[str, object] = {name: {"canonical": 0.0, "uniform": [-1.0, 1.0]} for name in named}
         balance = 'call("apply_force", object_id="object_1", force_vector=[TOP, 0, 0])'
         written(tmp_path, balance + waiting, knobs, "knobs['top'] + 3", 3.0, "number")
         place = tmp_path / "Scene900"
@@ -237,12 +242,14 @@ def ridge(tmp_path: Path) -> Callable[[list[float]], tuple[Subject, Episode]]:
         xml = XML.replace('<joint name="rail" type="slide" axis="1 0 0"/>', rail).replace('mass="2.0"', 'mass="1.0"')
         (place / "scene900.xml").write_text(xml)
         pack = json.loads((place / "scene900.json").read_text())
-        pack["apply"] = {"joint[rail].springref": "top"}
+        pack["apply"] = {"joint[rail].springref": place_of}
         pack["instruments"] = {"noise": {"position": RIDGE_NOISE}}
         (place / "scene900.json").write_text(json.dumps(pack))
-        top = Subject.open(find_pack(900, tmp_path)).draw(SEED).knobs["top"]
+        drawn = {
+            name: float(str(value)) for name, value in Subject.open(find_pack(900, tmp_path)).draw(SEED).knobs.items()
+        }
         solution = place / "solution.py"
-        solution.write_text(solution.read_text().replace("TOP", repr(float(str(top)))))
+        solution.write_text(solution.read_text().replace("TOP", repr(drawn["top"] + drawn.get("side", 0.0) / 2)))
         subject = Subject.open(find_pack(900, tmp_path))
         return subject, anyio.run(play_reference, subject, SEED, MemoryConnector(tmp_path))
 
@@ -253,7 +260,7 @@ RIDGE_NOISE = 0.01
 
 
 def test_a_reading_beyond_the_horizon_of_unstable_motion_does_not_count(
-    ridge: Callable[[list[float]], tuple[Subject, Episode]],
+    ridge: Ridge,
 ) -> None:
     """After 20 s, a shift by 1e-4 of the range drives the puck to a stop: both one-sided derivatives are 1e4 m."""
     subject, episode = ridge([2.0, 18.0])
@@ -265,11 +272,19 @@ def test_a_reading_beyond_the_horizon_of_unstable_motion_does_not_count(
 
 
 def test_an_episode_that_only_such_a_reading_would_decide_is_not_measured(
-    ridge: Callable[[list[float]], tuple[Subject, Episode]],
+    ridge: Ridge,
 ) -> None:
     subject, episode = ridge([20.0])
     found = measured(subject, SEED, episode, "")
     assert "not linear in the hidden values" in found.not_measurable
+
+
+def test_curvature_over_the_step_of_a_derivative_does_not_distinguish_constants(ridge: Ridge) -> None:
+    """Only the sum of two constants has an effect. A shift of 1e-4 of either range drives the puck to an end."""
+    subject, episode = ridge([2.0, 9.0], "top + side / 2")
+    _, late = measured(subject, SEED, episode, "").calls
+    tolerance = 0.05 * (float(str(subject.draw(SEED).knobs["top"])) + 3)
+    assert late.bounds[0] == pytest.approx(2 / np.sqrt(12) / np.sqrt(1 + 2**2) / tolerance, rel=0.01)
 
 
 def test_a_step_at_the_edge_of_a_range_is_shortened_and_not_turned(
