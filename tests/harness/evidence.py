@@ -2,35 +2,46 @@
 
 Plays the reference in memory and computes the bounds of each episode: the first seed of every scene, then the second,
 and so on. Rival laws and discrete values do not change the bounds and are not tested. An error divided by its bound has
-a mean square of 1 if the bound is right and the reference loses no information. `--out` stores each episode, so an
-interrupted run can continue; changed packs are played again. The default scenes have noise, ask for numbers, and take
-a median of 5 s an episode.
+a mean square of 1 if the bound is right and the reference loses no information. The column `linear` is the ratio of the
+linear estimate at the true values, which loses none: it tests the covariance of the readings alone. `--out` stores each
+episode, so an interrupted run can continue; changed packs are played again. The default scenes have noise, ask for
+numbers, and take a median of 5 s an episode.
+
+In published scenes the noise is the same at all seeds, so the errors of different seeds are not independent. Here each
+seed has noise of its own.
 
 python -m tests.harness.evidence [--scenes SEL] [--seeds N] [--workers N] [--out FILE]
 """
 
 import argparse
+import contextlib
 import json
 import os
 import sys
 from collections import defaultdict
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import AsyncGenerator, Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 from typing import TypedDict, cast
 
 import anyio
 import numpy as np
+from mcp import Client
 
-from evaluator.certify.constants import Constants
-from evaluator.certify.information import information
+from evaluator.certify.constants import Array, Constants
+from evaluator.certify.information import Information, information
 from evaluator.certify.parallel import in_processes
-from evaluator.certify.probing import NotMeasurable
-from evaluator.certify.subject import Subject
-from evaluator.certify.verify import MemoryConnector, play_reference
+from evaluator.certify.probing import NotMeasurable, numbers
+from evaluator.certify.subject import Draw, Subject
+from evaluator.certify.verify import play_reference
+from evaluator.episode.toolbox import Toolboxes
+from evaluator.records.episode import Episode
 from evaluator.store.durable import append_line
 from evaluator.study.selection import parse_scenes
-from scenes import PackFiles, default_folder, pack_hash
+from physment_mcp.library import OpenEpisode
+from physment_mcp.world.world import NOISE_SALT
+from scenes import PackFiles, pack_hash
 from tests.builders.paths import ROOT
 
 SCENES = "33,35,36,40,76-91"
@@ -47,20 +58,48 @@ class Measured(TypedDict):
     right: bool
     errors: list[float]
     """For each asked number, the error of the answer over its bound."""
+    linear: list[float]
+    """For each asked number, the error of the linear estimate at the true values over its bound."""
     why: str
     """Why the evidence cannot be measured; empty if it can."""
+
+
+@dataclass(frozen=True, slots=True)
+class OwnNoise:
+    """Opens episodes of a scene over MCP in memory, with noise that depends on the seed."""
+
+    subject: Subject
+    toolboxes: Toolboxes = field(default_factory=Toolboxes, repr=False, compare=False)
+
+    @contextlib.asynccontextmanager
+    async def open(self, scene: int, seed: int) -> AsyncGenerator[Client]:
+        """Open a new episode and yield a client connected to it."""
+        del scene
+        draw = self.subject.draw(seed)
+        mjcf = draw.mjcf if f'"{NOISE_SALT}"' in draw.mjcf else _salted(draw.mjcf, seed)
+        server = OpenEpisode(self.subject.session(Draw(draw.knobs, mjcf))).server()
+        async with Client(server, cache=None) as client:
+            yield client
+
+
+def _salted(mjcf: str, seed: int) -> str:
+    """Add the text element that determines the noise to a model without one."""
+    body, end, rest = mjcf.rpartition("</mujoco>")
+    return f'{body}<custom><text name="{NOISE_SALT}" data="seed {seed}"/></custom>{end}{rest}'
 
 
 def errors_of(files: PackFiles, seed: int) -> Measured:
     """Play the reference at a seed, and divide each error of its answer by the bound."""
     subject = Subject.open(files)
-    episode = anyio.run(play_reference, subject, seed, MemoryConnector(default_folder()))
+    episode = anyio.run(play_reference, subject, seed, OwnNoise(subject))
     constants = Constants.of(subject, seed)
     key = constants.key
-    why, bounds = "", list[float]()
+    why, bounds, linear = "", list[float](), list[float]()
     try:
         told = information(constants, episode)
-        bounds = constants.bounds(told.fisher(range(len(told.calls))))
+        fisher = told.fisher(range(len(told.calls)))
+        bounds = constants.bounds(fisher)
+        linear = linear_errors(constants.steps(fisher), told, _stored(told, episode))
     except NotMeasurable as error:
         why = str(error)
     answer = cast("object", episode.answer)
@@ -72,7 +111,25 @@ def errors_of(files: PackFiles, seed: int) -> Measured:
     ]
     right = episode.answer is not None and subject.agrees(episode.answer, key)
     return {"pack": pack_hash(files), "scene": files.scene_id, "seed": seed, "right": right, "errors": errors,
-            "why": why}  # fmt: skip
+            "linear": linear, "why": why}  # fmt: skip
+
+
+def linear_errors(steps: Array, told: Information, read: Array) -> list[float]:
+    """Return the error of the linear estimate of each requested number, divided by its bound.
+
+    Args:
+        steps: Shifts of the constants by one standard error of each number, as returned by `Constants.steps`.
+        told: The information of the readings.
+        read: The readings, with their errors.
+    """
+    errors = told.whiten @ np.where(told.ignored, 0.0, read - told.values)
+    return [float(error) for error in steps @ told.whitened.T @ errors]
+
+
+def _stored(told: Information, episode: Episode) -> Array:
+    """The readings as the agent received them."""
+    contents = [exchange.content for _, exchange in episode.accepted_calls()]
+    return np.array([number for one in told.reads for number in numbers(contents[one.place])])
 
 
 def spread(errors: Sequence[float]) -> float:
@@ -86,10 +143,10 @@ def outside(ratios: Mapping[int, float]) -> list[int]:
 
 
 def kept(file: Path, hashes: Mapping[int, str]) -> list[Measured]:
-    """Read the stored episodes of packs that have not changed."""
+    """Read the stored episodes of packs that have not changed; not those of earlier versions, with common noise."""
     lines = file.read_bytes().split(b"\n")[:-1] if file.exists() else []
     found = [cast("Measured", json.loads(line)) for line in lines]
-    return [one for one in found if hashes.get(one["scene"]) == one["pack"]]
+    return [one for one in found if hashes.get(one["scene"]) == one["pack"] and "linear" in one]
 
 
 def table(found: Iterable[Measured]) -> Iterator[str]:
@@ -98,7 +155,7 @@ def table(found: Iterable[Measured]) -> Iterator[str]:
     for one in found:
         by_scene[one["scene"]].append(one)
     ratios: dict[int, float] = {}
-    yield "scene  seeds  right  ratio  median-based  largest"
+    yield "scene  seeds  right  ratio  median-based  largest  linear"
     for scene, episodes in sorted(by_scene.items()):
         errors = [error for one in episodes for error in one["errors"]]
         counts = f"{scene:5d}  {len(episodes):5d}  {sum(one['right'] for one in episodes):5d}"
@@ -106,7 +163,8 @@ def table(found: Iterable[Measured]) -> Iterator[str]:
             yield f"{counts}  not measurable: {episodes[0]['why']}"
             continue
         ratios[scene], sizes = spread(errors), np.abs(errors)
-        yield f"{counts}  {ratios[scene]:5.2f}  {np.median(sizes) / 0.6745:12.2f}  {sizes.max():7.2f}"
+        linear = spread([error for one in episodes for error in one["linear"]])
+        yield f"{counts}  {ratios[scene]:5.2f}  {np.median(sizes) / 0.6745:12.2f}  {sizes.max():7.2f}  {linear:6.2f}"
     apart = outside(ratios)
     yield f"{len(ratios) - len(apart)} of {len(ratios)} scenes between {LOW} and {HIGH}; others: {apart or 'none'}"
 
