@@ -36,6 +36,8 @@ _JUMP = 0.5
 """Smallest derivative at the fine step, over the steeper one of a rough reading, if the reading does not jump."""
 _ENDS = 4.0
 """Factor by which the derivative at the fine step exceeds the wide one of a motion that every step drives to an end."""
+_HORIZON = 100.0
+"""Change of a reading over the fine step, in standard deviations, beyond which its derivative is not known."""
 _BENT = 0.5
 """Largest non-linearity over one standard error of an answer: of all readings together, in standard deviations, and of
 the answer that is fitted to them, in standard errors."""
@@ -131,7 +133,7 @@ def _derivative(
         settled = rough & ~_is_rough(*wide, sigma) & ~ends
         above, below = np.where(settled, wide[0], above), np.where(settled, wide[1], below)
         rough = rough & ~settled
-    return (above + below) / 2, rough
+    return (above + below) / 2, rough | (_FINE * local > _HORIZON * sigma)
 
 
 def _linear(constants: Constants, episode: Episode, told: Information) -> Information:
