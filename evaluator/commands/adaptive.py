@@ -4,11 +4,10 @@ import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from evaluator.answers.keys import KeyRing
 from evaluator.calibration.adaptive import DIFFICULTIES, AdaptiveTest, DifficultyTable, read_difficulties
-from evaluator.commands.base import logits
+from evaluator.commands.base import OptionGroup, logits
 from evaluator.errors import UsageError
 from evaluator.records.episode import Choice, Episode, EpisodeKey, Verdict
 from evaluator.scores.grouping import Condition, condition
@@ -19,11 +18,8 @@ from evaluator.study.shards import WHOLE
 from scenes import ErratumEffect, PackFiles, pack_hash
 from scenes.folder import ranges
 
-if TYPE_CHECKING:
-    from argparse import _ArgumentGroup as ArgumentGroup  # pyright: ignore[reportPrivateUsage] - has no public name
 
-
-def add_adaptive_options(group: "ArgumentGroup") -> None:
+def add_adaptive_options(group: OptionGroup) -> None:
     """Declare the options of an adaptive test."""
     group.add_argument(
         "--adaptive",

@@ -3,17 +3,14 @@
 import argparse
 import os
 from pathlib import Path
-from typing import TYPE_CHECKING, TypedDict
+from typing import TypedDict
 
 from evaluator.agents.external.agent import CALLS_PER_ITERATION
 from evaluator.agents.external.isolation import TOKEN, URL
 from evaluator.agents.models.choice import EFFORTS, Options, checked
 from evaluator.agents.models.lanes import DEFAULT_LIMIT, Patience
-from evaluator.commands.base import count_of, seconds, temperature
+from evaluator.commands.base import OptionGroup, count_of, seconds, temperature
 from evaluator.errors import UsageError
-
-if TYPE_CHECKING:
-    from argparse import _ArgumentGroup as ArgumentGroup  # pyright: ignore[reportPrivateUsage] - has no public name
 
 
 class ModelOptions(TypedDict):
@@ -25,7 +22,7 @@ class ModelOptions(TypedDict):
     patience: Patience
 
 
-def add_model_options(group: "ArgumentGroup") -> None:
+def add_model_options(group: OptionGroup) -> None:
     """Declare the options of all models of a run."""
     group.description = (
         "For all models of the run. `physment-eval models` lists models and what is missing to ask them."

@@ -12,16 +12,14 @@ import webbrowser
 from collections.abc import Awaitable, Callable
 from pathlib import Path
 from types import FrameType
-from typing import TYPE_CHECKING, Any, Protocol, TypeVar
+from typing import Any, Protocol, TypeVar
 
 import anyio
 from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
 from evaluator.errors import InfrastructureError, StoreError, UsageError
 from scenes import WorldError, one_world
-
-if TYPE_CHECKING:
-    from argparse import _ActionsContainer as ActionsContainer  # pyright: ignore[reportPrivateUsage] - has no public name
 
 PROMPTINGS = ("zero-shot", "one-shot-cot", "few-shot-cot")
 """Values of `--prompting`, which sets the number of worked examples in a prompt; the first is the default."""
@@ -153,7 +151,11 @@ def _number(text: str) -> float:
         return math.nan
 
 
-def seed_key(parser: "ActionsContainer") -> None:
+OptionGroup = argparse._ActionsContainer  # noqa: SLF001 # pyright: ignore[reportPrivateUsage] - has no public name
+"""A parser or a group of its options: what options are declared on."""
+
+
+def seed_key(parser: OptionGroup) -> None:
     """Declare the option `--seed-key` for a command that reads stored runs."""
     parser.add_argument(
         "--seed-key",
@@ -163,7 +165,7 @@ def seed_key(parser: "ActionsContainer") -> None:
     )
 
 
-def unproved(parser: "ActionsContainer") -> None:
+def unproved(parser: OptionGroup) -> None:
     """Declare the option `--unproved`."""
     parser.add_argument(
         "--unproved",
@@ -173,7 +175,7 @@ def unproved(parser: "ActionsContainer") -> None:
     )
 
 
-def allow_modified(parser: "ActionsContainer") -> None:
+def allow_modified(parser: OptionGroup) -> None:
     """Declare the option `--allow-modified`."""
     parser.add_argument(
         "--allow-modified",
@@ -210,6 +212,19 @@ def wide_console() -> Console:
     """Create a console for tables. Without a terminal, it is wide enough that no words are broken."""
     console = Console()
     return console if console.is_terminal else Console(width=140)
+
+
+def progress_bar(console: Console | None = None, *, last: str = "") -> Progress:
+    """Create a progress bar, which is shown only on a terminal and disappears at the end.
+
+    Args:
+        console: Console that shows it; None for stderr.
+        last: Field of the task that is shown after the times; empty for none.
+    """
+    console = console or Console(stderr=True)
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
+    columns = (*columns, TimeRemainingColumn(), *([TextColumn(f"{{task.fields[{last}]}}")] if last else []))
+    return Progress(*columns, console=console, disable=not console.is_terminal, transient=True)
 
 
 def run_async(play: Callable[[], Awaitable[T]]) -> T:

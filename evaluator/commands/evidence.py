@@ -8,12 +8,11 @@ from functools import partial
 from pathlib import Path
 
 from rich.console import Console
-from rich.progress import Progress
 
 from evaluator.certify.evidence import measured
 from evaluator.certify.parallel import in_processes
 from evaluator.certify.subject import Subject
-from evaluator.commands.base import Commands, count_of, run_async, seed_key, wide_console
+from evaluator.commands.base import Commands, count_of, progress_bar, run_async, seed_key, wide_console
 from evaluator.commands.terminal import evidence_table, printable
 from evaluator.errors import UsageError
 from evaluator.records.episode import Episode, Outcome, Verdict
@@ -84,7 +83,7 @@ def _evidence(args: argparse.Namespace) -> int:
         return partial(_measured, episode, seed, hashes[episode.key], args.scenes_dir)
 
     console = wide_console()
-    with folder.held(), Progress(console=Console(stderr=True), transient=True) as progress:
+    with folder.held(), progress_bar() as progress:
         task = progress.add_task("evidence", total=len(wanted))
 
         def on_done(episode: Episode, measured: EvidenceRecord) -> None:

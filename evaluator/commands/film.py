@@ -11,13 +11,11 @@ from pathlib import Path
 from typing import NamedTuple
 
 from mcp import Client
-from rich.console import Console
-from rich.progress import Progress
 
 from evaluator.certify.parallel import in_processes
 from evaluator.certify.renderer import NoRenderer, renderers
 from evaluator.certify.viewed_episode import viewed_episode, viewing
-from evaluator.commands.base import Commands, count_of, run_async, seed_key
+from evaluator.commands.base import Commands, count_of, progress_bar, run_async, seed_key
 from evaluator.errors import UsageError
 from evaluator.films.filming import film_of
 from evaluator.records.episode import Episode, EpisodeKey, Outcome
@@ -115,7 +113,7 @@ def _make(folder: RunFolder, episodes: Sequence[Episode], args: argparse.Namespa
         seed = seed_of(episode.key.scene, episode.key.seed)
         return functools.partial(_filmed, episode, seed, hashes[episode.key], args.scenes_dir, revealed=args.reveal)
 
-    with Progress(console=Console(stderr=True), transient=True) as progress:
+    with progress_bar() as progress:
         task = progress.add_task("films", total=len(missing))
 
         def on_done(episode: Episode, made: bytes | str) -> None:
@@ -183,7 +181,7 @@ def write_animations(folder: RunFolder, episodes: Sequence[Episode], scenes_dir:
     try:
         with (
             renderers(max(1, min(workers, len(episodes)))) as pool,
-            Progress(console=Console(stderr=True), transient=True) as progress,
+            progress_bar() as progress,
         ):
             task = progress.add_task("animated images", total=len(episodes))
             images = pool.map(functools.partial(_drawn, folder.path, scenes_dir), episodes, records)

@@ -6,9 +6,9 @@ from collections.abc import Collection, Sequence
 from pathlib import Path
 
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
 from evaluator.answers.keys import KeyRing
+from evaluator.commands.base import progress_bar
 from evaluator.commands.terminal import print_results
 from evaluator.records.episode import Outcome
 from evaluator.report.agent_results import Run
@@ -48,8 +48,7 @@ def finish(
     Returns:
         The exit code: 1 if episodes are missing or could not be played.
     """
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
-    with Progress(*columns, console=console, disable=not console.is_terminal, transient=True) as bar:
+    with progress_bar(console) as bar:
         tracked = functools.partial(bar.track, description="grading")
         withhold = is_withheld(folder)
         graded = grade_run(folder, keys, withhold=withhold, kept=kept, keep_laws=keep_laws, tracked=tracked)

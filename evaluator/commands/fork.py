@@ -24,8 +24,8 @@ from evaluator.study.integrity import (
     seal_note,
     seeds_of,
 )
-from evaluator.study.meter import Meter
 from evaluator.study.run_config import RunConfig, participants_of
+from evaluator.study.runner import Meter
 from scenes import PackError, find_pack
 
 _DESCRIPTION = f"""\

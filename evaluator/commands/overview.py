@@ -50,7 +50,7 @@ Exit code: 0 all episodes are recorded, or all scenes are sound; 1 some are not;
 COMMANDS: dict[str, tuple[str, str]] = {
     "run": ("run", "play episodes (the default)"),
     "grade": ("grade", "grade a stored run again"),
-    "merge": ("merge", "put shards or parts together"),
+    "merge": ("grade", "put shards or parts together"),
     "report": ("report", "write the report of stored runs"),
     "watch": ("watch", "show a run in the browser while it is played"),
     "compare": ("compare", "say which of two runs is better, and with what certainty"),
@@ -71,10 +71,10 @@ COMMANDS: dict[str, tuple[str, str]] = {
     "evidence": ("evidence", "measure what the experiments of a run could tell"),
     "submit": ("submit", "write the results of a run for a leaderboard"),
     "check-submission": ("submit", "check a submission against its run folder"),
-    "board": ("board", "write a leaderboard page of submissions"),
-    "reveal-seeds": ("reveal_seeds", "disclose or check the held-back seeds of a run"),
+    "board": ("submit", "write a leaderboard page of submissions"),
+    "reveal-seeds": ("submit", "disclose or check the held-back seeds of a run"),
     "replay-original": ("replay_original", ""),
-    "keep-baselines": ("keep_baselines", ""),
+    "keep-baselines": ("report", ""),
 }
 """Command → its module and its one-line help. The module is in this folder and declares the command in `add`; it is
 empty for a plugin. `--help` omits a command with an empty help text."""

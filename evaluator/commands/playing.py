@@ -30,12 +30,11 @@ from evaluator.records.run import ForkedRun, Plan, RunRecord, SeedProofs
 from evaluator.store.redaction import Redaction
 from evaluator.store.run_folder import RunFolder
 from evaluator.study.integrity import Sealing, played_worlds
-from evaluator.study.meter import Meter
 from evaluator.study.process_executor import process_workers, usual_workers
 from evaluator.study.ray_executor import ray_workers
 from evaluator.study.run_config import RunConfig
 from evaluator.study.run_start import continued, run_record, server_record
-from evaluator.study.runner import LocalPlay, Play, Runner, missing
+from evaluator.study.runner import LocalPlay, Meter, Play, Runner, missing
 from evaluator.study.shards import WHOLE
 from scenes import ErratumEffect
 

@@ -1,7 +1,7 @@
 """Command line of the evaluator: study files, signals, and exit codes for the errors of commands.
 
-All modules of the evaluator except `errors` are imported inside functions, and only the module of the requested command
-is imported, so that `--help` is fast.
+All modules of the evaluator except `errors` and `overview` are imported inside functions, and only the module of the
+requested command is imported, so that `--help` is fast.
 """
 
 import argparse
@@ -18,7 +18,8 @@ from pathlib import Path
 from types import FrameType
 from typing import TYPE_CHECKING, Any
 
-from evaluator.errors import UsageError, reason_of
+from evaluator.commands.overview import COMMANDS, COMMANDS_GROUP, DESCRIPTION, plugin
+from evaluator.errors import InfrastructureError, StoreError, UsageError, reason_of
 from physment_mcp.contract.command_line import SentenceParser, did_you_mean, restore_sigint
 
 _OPEN_FILES = 65_536
@@ -169,8 +170,6 @@ def main(argv: Sequence[str] | None = None, begin: Callable[[], None] = lambda: 
         argv: Words of the command line; default: those of this process.
         begin: Called after the modules of the command are imported and before the command runs.
     """
-    from evaluator.errors import InfrastructureError, StoreError  # noqa: PLC0415
-
     make_room()
     try:
         args = parsed(sys.argv[1:] if argv is None else argv)
@@ -192,8 +191,6 @@ def parsed(argv: Sequence[str]) -> argparse.Namespace:
         UsageError: The command line is invalid, or its study file cannot be used.
         SystemExit: The command line requests help or the version.
     """
-    from evaluator.commands.overview import COMMANDS  # noqa: PLC0415
-
     words = list(argv)
     if words[:1] == ["play"] and sys.stderr.isatty() and not {"-h", "--help"} & set(words):
         _note("opens the laboratory …")  # at once: the modules of the command take seconds to import
@@ -221,8 +218,6 @@ def parser(command: str) -> tuple[argparse.ArgumentParser, Mapping[str, argparse
     Raises:
         UsageError: The command belongs to a plugin that is not installed.
     """
-    from evaluator.commands.overview import COMMANDS, DESCRIPTION  # noqa: PLC0415
-
     program = Parser("physment-eval", description=DESCRIPTION, formatter_class=argparse.RawDescriptionHelpFormatter)
     program.add_argument("--version", action="version", version=f"physment-eval {version('physment-mcp')}")
     commands = program.add_subparsers(dest="command", metavar="COMMAND", required=True)
@@ -239,8 +234,6 @@ def _declare(command: str, module: str, commands: "Commands") -> None:
     if module:
         import_module(f"evaluator.commands.{module}").add(commands)
         return
-    from evaluator.commands.overview import COMMANDS_GROUP, plugin  # noqa: PLC0415
-
     plugin(COMMANDS_GROUP, command, command)(commands.add_parser(command))
 
 

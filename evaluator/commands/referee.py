@@ -11,7 +11,6 @@ from collections.abc import AsyncGenerator, Iterable
 from dataclasses import replace
 from pathlib import Path
 
-import anyio
 import anyio.lowlevel
 import uvicorn
 

@@ -19,8 +19,8 @@ from evaluator.original.play import PlayedLog, play_logs
 from evaluator.original.summary import Compared, compare, markdown, rows
 from evaluator.records.run import Plan
 from evaluator.store.run_folder import RunFolder
-from evaluator.study.meter import Meter
 from evaluator.study.run_start import run_record, server_record
+from evaluator.study.runner import Meter
 from evaluator.study.selection import parse_scenes
 from scenes import read_pack
 

@@ -1,34 +1,34 @@
-"""`physment-eval report`: writes the report of one or several graded runs as a page, tables or figures."""
+"""`physment-eval report` writes stored runs as a page, tables or figures; `keep-baselines` writes its baselines."""
 
 import argparse
 import functools
+import lzma
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TypeVar
 
-from rich.console import Console
-from rich.progress import track
-
 from evaluator.answers.keys import KeyRing
-from evaluator.commands.base import Commands, allow_modified, folder_to_write
+from evaluator.commands.base import Commands, allow_modified, folder_to_write, progress_bar
 from evaluator.commands.finishing import attached_to
 from evaluator.errors import StoreError, UsageError
+from evaluator.records.episode import Episode, Outcome
+from evaluator.records.run import RunRecord
 from evaluator.report.agent_results import AgentResults, Run, agent_results, packs_of
 from evaluator.report.agent_tables import abilities_table, errata_table, paper_tables
-from evaluator.report.baselines import baseline_table
+from evaluator.report.baselines import EPISODES, FOLDER, RUN, SCORES, baseline_table, packed, write_scores
 from evaluator.report.export import csv_text, latex, markdown
 from evaluator.report.notebook import pictures
 from evaluator.report.page import paper_page, write_report
 from evaluator.report.tables import tables
-from evaluator.scores.scoring import read_graded, score_episode
+from evaluator.scores.scoring import grade_record, read_graded, score_episode
 from evaluator.store.run_folder import RunFolder
 from evaluator.study.integrity import refuse_other_worlds, seal_note
 from scenes import PackError, find_pack, list_packs, same_pack
 
 T = TypeVar("T")
 
-_DESCRIPTION = """\
+_REPORT = """\
 Write report.html of stored runs, several side by side: accuracies with intervals, budgets, categories, dimensions,
 failure modes, cost, and a notebook of each episode. The page opens from disk and needs nothing else.
 
@@ -44,10 +44,15 @@ the packs that it was played on.
 
 
 def add(commands: Commands) -> None:
-    """Declare the command `report` and its options."""
+    """Declare the commands `report` and `keep-baselines` and their options."""
+    _add_report(commands)
+    _add_keep_baselines(commands)
+
+
+def _add_report(commands: Commands) -> None:
     command = commands.add_parser(
         "report",
-        description=_DESCRIPTION,
+        description=_REPORT,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     command.set_defaults(run=_report)
@@ -112,8 +117,8 @@ def _report(args: argparse.Namespace) -> int:
 
 def _followed(what: str, count: int, items: Iterable[T]) -> Iterable[T]:
     """Yield the items unchanged, and show a progress bar on a terminal."""
-    console = Console(stderr=True)
-    return track(items, what, count, console=console, transient=True, disable=not console.is_terminal)
+    with progress_bar() as bar:
+        yield from bar.track(items, count, description=what)
 
 
 def _names(folders: Sequence[Path]) -> list[str]:
@@ -178,3 +183,60 @@ def _export(target: RunFolder, results: Sequence[AgentResults], form: str, *, ba
     for name, text in texts.items():
         target.write_text(target.path / name, text)
     return [target.path / name for name in texts]
+
+
+_KEEP = """\
+Keep a run as the baselines that every report shows: its records, compressed, and their scores. For contributors, after
+scenes have changed. CONTRIBUTING.md shows the run.
+
+Scenes that were not played keep their records. An episode that an agent could not begin, such as `batch` in a scene
+without one, is left out.
+"""
+
+
+def _add_keep_baselines(commands: Commands) -> None:
+    command = commands.add_parser(
+        "keep-baselines", description=_KEEP, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    command.set_defaults(run=_keep)
+    command.add_argument("folder", type=Path, metavar="DIR", help="run folder")
+    command.add_argument(
+        "--out", type=folder_to_write, default=FOLDER, metavar="DIR", help="where to (default: in the package)"
+    )
+
+
+def _keep(args: argparse.Namespace) -> int:
+    source = RunFolder(args.folder)
+    record, played = source.read_run(), list(source.episodes().values())
+    if any(episode.outcome is Outcome.INFRASTRUCTURE_ERROR for episode in played):
+        raise UsageError(f"{args.folder} has episodes that could not be played; play them with --resume")
+    kept = [episode for episode in played if episode.outcome is not Outcome.AGENT_ERROR]
+    if (args.out / RUN).is_file():
+        former = RunRecord.model_validate_json((args.out / RUN).read_bytes())
+        _check_same(former, record)
+        anew = set(record.plan.scenes)
+        lines = lzma.decompress((args.out / EPISODES).read_bytes()).splitlines()
+        kept += [one for one in map(Episode.model_validate_json, lines) if one.key.scene not in anew]
+        scenes = tuple(sorted({*former.plan.scenes, *anew}))
+        plan = record.plan.model_copy(update={"scenes": scenes})
+        record = record.model_copy(update={"plan": plan, "packs": {**former.packs, **record.packs}})
+    order = {agent: place for place, agent in enumerate(record.plan.agents)}
+    # Episodes of one scene are similar, so placing them side by side improves the compression.
+    kept.sort(key=lambda one: (one.key.scene, order[one.key.agent], one.key.seed))
+    keys = KeyRing()
+    args.out.mkdir(parents=True, exist_ok=True)
+    lines = "".join(f"{episode.model_dump_json()}\n" for episode in kept)
+    (args.out / EPISODES).write_bytes(packed(lines.encode()))
+    write_scores(args.out / SCORES, (score_episode(one, grade_record(one, keys), keys) for one in kept))
+    (args.out / RUN).write_text(record.model_dump_json(indent=2) + "\n", encoding="utf-8")
+    size = sum((args.out / name).stat().st_size for name in (EPISODES, SCORES, RUN))
+    print(f"{len(kept)} episodes, {size / 1000:.0f} kB: {args.out}")
+    return 0
+
+
+def _check_same(former: RunRecord, record: RunRecord) -> None:
+    """Raise `UsageError` if a run and the stored baselines differ in agents, budgets, seeds or prompting."""
+    for name in ("agents", "budgets", "seeds", "promptings", "protocols"):
+        before, now = getattr(former.plan, name), getattr(record.plan, name)
+        if before != now:
+            raise UsageError(f"the kept baselines have the {name} {before}, this run has {now}; give another --out")

@@ -6,26 +6,24 @@ Seeds that no certificate covers are checked before they are played.
 import argparse
 import sys
 from collections import Counter
-from collections.abc import Generator, Iterable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Iterable, Iterator, Sequence
 from itertools import count
 
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
 from evaluator.answers.keys import KeyRing
 from evaluator.certify.records import engine_note
 from evaluator.certify.seed_proofs import SeedProver, Variant
 from evaluator.commands.adaptive import adaptive_config
-from evaluator.commands.base import Commands, run_async
+from evaluator.commands.base import Commands, progress_bar, run_async
 from evaluator.commands.playing import PreparedRun, create_folder, play_run, require_otel
 from evaluator.commands.run_options import add_options, read_options
 from evaluator.errors import UsageError
 from evaluator.records.episode import EpisodeKey
 from evaluator.records.run import SEED_SHIFT, AdaptivePlan, Plan, SeedProofs
-from evaluator.study.meter import Meter
 from evaluator.study.ray_executor import require_ray
 from evaluator.study.run_config import RunConfig, participants_of
+from evaluator.study.runner import Meter
 from evaluator.study.shards import WHOLE, Shard
 from scenes import USUAL_TIMESTEP_S, PackError, PackFiles, default_folder, timestep_of
 
@@ -196,9 +194,12 @@ async def _replaced(prover: SeedProver, config: RunConfig, wanted: Sequence[Vari
     taken, stands_for = set(wanted), dict(zip(wanted, wanted, strict=True))
     replaced: dict[str, dict[int, int]] = {}
     todo = [variant for variant in wanted if prover.needs_proof(*variant)]
-    with _progress() as bar:
+    said = "proving seeds that no certificate covers (--unproved skips this)"
+    with progress_bar() as bar:
+        if bar.disable:
+            print(f"physment-eval: {said}", file=sys.stderr)
         while todo:
-            task = bar.add_task("", total=len(todo))
+            task = bar.add_task(said, total=len(todo))
             variants = [(packs[scene], seed) for scene, seed in todo]
             failed = await prover.prove(variants, lambda _proof, task=task: bar.advance(task))
             todo, refused = list[Variant](), list[str]()
@@ -216,17 +217,6 @@ async def _replaced(prover: SeedProver, config: RunConfig, wanted: Sequence[Vari
             if refused:
                 raise UsageError(_refusal(refused))
     return replaced
-
-
-@contextmanager
-def _progress() -> Generator[Progress]:
-    console = Console(stderr=True)
-    said = "proving seeds that no certificate covers (--unproved skips this)"
-    if not console.is_terminal:
-        print(f"physment-eval: {said}", file=sys.stderr)
-    columns = (TextColumn(said), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), TimeRemainingColumn())
-    with Progress(*columns, console=console, disable=not console.is_terminal, transient=True) as bar:
-        yield bar
 
 
 def _spare(config: RunConfig, seed: int) -> Iterable[int]:

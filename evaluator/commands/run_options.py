@@ -5,7 +5,6 @@ import math
 import os
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from evaluator.agents.presentation import Change, parse_presentation
 from evaluator.agents.stopping import POLICIES
@@ -21,6 +20,7 @@ from evaluator.commands.agent_options import (
 from evaluator.commands.base import (
     PROMPTINGS,
     PROTOCOLS,
+    OptionGroup,
     allow_modified,
     count_of,
     folder_to_write,
@@ -32,8 +32,8 @@ from evaluator.errors import UsageError
 from evaluator.records.run import SEED_SHIFT
 from evaluator.study import process_executor
 from evaluator.study.integrity import read_seed_key
-from evaluator.study.meter import Limits
 from evaluator.study.run_config import AGENTS, EXTERNAL, RunConfig
+from evaluator.study.runner import Limits
 from evaluator.study.selection import (
     SUITE,
     USUAL_SEEDS,
@@ -46,10 +46,6 @@ from evaluator.study.selection import (
 from evaluator.study.shards import parse_shard, shard_of_environment
 from scenes import is_world
 from scenes.splits import HELD_BACK, splits
-
-if TYPE_CHECKING:
-    from argparse import _ArgumentGroup as ArgumentGroup  # pyright: ignore[reportPrivateUsage] - has no public name
-
 
 MOST_EPISODES = 1_000_000
 """Largest matrix of a run. Its keys are made before the first episode."""
@@ -171,7 +167,7 @@ def add_options(run: argparse.ArgumentParser) -> None:
     add_external_options(run)
 
 
-def _matrix(group: "ArgumentGroup") -> None:
+def _matrix(group: OptionGroup) -> None:
     group.add_argument(
         "--agent", action="append", metavar="A", help=f"{' · '.join(AGENTS)} (default reference); may be repeated"
     )
@@ -207,7 +203,7 @@ def _matrix(group: "ArgumentGroup") -> None:
     group.add_argument("--scenes-dir", type=Path, metavar="DIR", help="folder of scene packs (default: the suite)")
 
 
-def _conditions(group: "ArgumentGroup") -> None:
+def _conditions(group: OptionGroup) -> None:
     group.add_argument(
         "--prompting", default="zero-shot", metavar="P,…", help=f"{' · '.join(PROMPTINGS)} (default zero-shot)"
     )
@@ -240,7 +236,7 @@ def _conditions(group: "ArgumentGroup") -> None:
     )
 
 
-def _course(group: "ArgumentGroup") -> None:
+def _course(group: OptionGroup) -> None:
     group.add_argument(
         "--concurrency",
         type=count_of("episodes"),

@@ -1,6 +1,7 @@
-"""`physment-eval submit` and `check-submission`: writes the results of a run to one file, and checks such a file."""
+"""The commands with which a run is published: `submit`, `check-submission`, `board` and `reveal-seeds`."""
 
 import argparse
+import json
 import os
 from pathlib import Path
 
@@ -9,8 +10,10 @@ from evaluator.answers.keys import KeyRing
 from evaluator.commands.base import Commands, count_of, file_to_write, run_async, seed_key
 from evaluator.episode.connect import connect
 from evaluator.errors import UsageError
+from evaluator.report.board import BoardEntry, board_page, tracks_of
+from evaluator.store.durable import replace
 from evaluator.store.run_folder import RunFolder
-from evaluator.study.integrity import seeds_of
+from evaluator.study.integrity import read_revealed, reveal, seed_key_file, seeds_of
 from evaluator.study.replay import Replayed, replay
 from evaluator.study.submission import first_difference, read_submission, submission_of
 from scenes import ErratumEffect, reference_of
@@ -36,7 +39,13 @@ together.
 
 
 def add(commands: Commands) -> None:
-    """Declare the commands `submit` and `check-submission`."""
+    """Declare the commands `submit`, `check-submission`, `board` and `reveal-seeds` and their options."""
+    _add_submit(commands)
+    _add_board(commands)
+    _add_reveal_seeds(commands)
+
+
+def _add_submit(commands: Commands) -> None:
     submit = commands.add_parser("submit", description=_SUBMIT)
     submit.set_defaults(run=_submit)
     check = commands.add_parser(
@@ -111,3 +120,85 @@ def _place(replayed: Replayed) -> str:
         return f"{where} could not be replayed: {replayed.failure}"
     found = replayed.differences[0]
     return f"{where}, turn {found.turn}, call {found.call}, {found.what}: recorded {found.stored}, replayed {found.now}"
+
+
+_BOARD = """\
+Write a leaderboard of the submissions in a folder: one page, which loads nothing else.
+
+  physment-eval submit runs/mine --out submissions/mine.json
+  physment-eval board submissions            # submissions/board.html
+
+Every *.json file of the folder is a submission. Model and scaffold have columns of their own, and only agents on the
+same variants, packs, budgets and scoring rules are ranked together. The files are not checked: `check-submission` does.
+"""
+
+
+def _add_board(commands: Commands) -> None:
+    board = commands.add_parser(
+        "board",
+        help="write a leaderboard page of submissions",
+        description=_BOARD,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    board.set_defaults(run=_board)
+    board.add_argument("folder", type=Path, metavar="DIR", help="folder of submissions")
+    board.add_argument("--title", default="PhysMent leaderboard", metavar="T", help="title of the page")
+    board.add_argument("--out", type=file_to_write, metavar="FILE", help="the page (default board.html in the folder)")
+
+
+def _board(args: argparse.Namespace) -> int:
+    files = sorted(args.folder.glob("*.json"))
+    if not files:
+        raise UsageError(f"{args.folder} holds no submission; `physment-eval submit` writes one for a run")
+    found = [(file.name, read_submission(file)) for file in files]
+    entries = [BoardEntry(name, one.run, one.summary, one.seal.head, one.unsealed_episodes) for name, one in found]
+    target = args.out or args.folder / "board.html"
+    replace(target, board_page(args.title, tracks_of(entries)))
+    print(target)
+    return 0
+
+
+_REVEAL = """\
+Disclose the seeds of a run that was played with --seed-key, or check what its publisher disclosed.
+
+  physment-eval reveal-seeds runs/mine --seed-key held-back.key   write the key into the folder and print the seeds
+  physment-eval reveal-seeds runs/mine                            check the disclosed key and print the seeds
+
+The key must fit the commitment in run.json, which was published with the run. Afterwards everybody can grade and replay
+the run; `physment-eval grade` then writes the keys and the reasons that its grades lack. One line for each variant:
+scene, number, seed. Exit code: 0 the key fits; 2 it does not, or there is none.
+"""
+
+
+def _add_reveal_seeds(commands: Commands) -> None:
+    command = commands.add_parser(
+        "reveal-seeds",
+        description=_REVEAL,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    command.set_defaults(run=_reveal_seeds)
+    command.add_argument("folder", type=Path, metavar="DIR", help="run folder")
+    command.add_argument("--seed-key", type=Path, metavar="FILE", help="the key that the run was played with")
+    command.add_argument("--json", action="store_true", help="print the seeds as JSON")
+
+
+def _reveal_seeds(args: argparse.Namespace) -> int:
+    folder = RunFolder(args.folder)
+    plan = folder.read_run().plan
+    if not plan.held_back:
+        raise UsageError(f"{args.folder} was not played on held-back seeds: its records hold its seeds")
+    if args.seed_key is not None:
+        known = read_revealed(folder)
+        reveal(folder, args.seed_key)
+        if known is None:
+            print(f"the key is written to {seed_key_file(folder)}")
+    seed_of = seeds_of(folder, None)
+    variants = sorted({(key.scene, key.seed) for key in plan.matrix()})
+    if args.json:
+        rows = [{"scene": scene, "number": number, "seed": seed_of(scene, number)} for scene, number in variants]
+        print(json.dumps({"commitment": plan.held_back, "seeds": rows}))
+    else:
+        print(f"the key fits the commitment of the run, {plan.held_back}")
+        for scene, number in variants:
+            print(reference_of(scene), number, seed_of(scene, number))
+    return 0

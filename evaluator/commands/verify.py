@@ -7,7 +7,6 @@ from importlib.metadata import version
 from pathlib import Path
 
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 from rich.table import Table
 from rich.text import Text
 
@@ -22,7 +21,7 @@ from evaluator.certify.records import (
     still_proven,
     write_certificates,
 )
-from evaluator.commands.base import Commands, count_of, run_async, wide_console
+from evaluator.commands.base import Commands, count_of, progress_bar, run_async, wide_console
 from evaluator.episode.hosts import LocalHost
 from evaluator.study.selection import parse_scenes
 from scenes import PackError, PackFiles, default_folder, read_errata, reference_of
@@ -119,16 +118,7 @@ def _verify(args: argparse.Namespace) -> int:
         console.width = _TABLE_WIDTH
     if kept:
         console.print(f"{len(kept)} scenes are sound and unchanged; --all proves them again", highlight=False)
-    bar = Progress(
-        TextColumn("{task.description}"),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TimeElapsedColumn(),
-        TimeRemainingColumn(),
-        console=console,
-        disable=not console.is_terminal,
-        transient=True,
-    )
+    bar = progress_bar(console)
 
     def done(certificate: SceneCertificate) -> None:
         bar.advance(task)

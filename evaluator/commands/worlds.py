@@ -10,9 +10,8 @@ from collections.abc import Callable
 from pathlib import Path
 
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
-from evaluator.commands.base import Commands, count_of, folder_to_write, run_async, wide_console
+from evaluator.commands.base import Commands, count_of, folder_to_write, progress_bar, run_async, wide_console
 from evaluator.errors import UsageError
 from evaluator.store.durable import append_line, locked
 from scenes import WorldError, default_folder, one_world, place_of
@@ -213,9 +212,7 @@ def _secret(file: Path) -> str:
 
 def _with_bar(console: Console, what: str, total: int, work: Callable[[Callable[[], None]], None]) -> None:
     """Run work that advances a progress bar. The bar is shown only on a terminal."""
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
-    columns = (*columns, TimeRemainingColumn(), TextColumn("{task.fields[rate]}"))
-    with Progress(*columns, console=console, disable=not console.is_terminal, transient=True) as bar:
+    with progress_bar(console, last="rate") as bar:
         task = bar.add_task(what, total=total, rate="")
 
         def advance() -> None:

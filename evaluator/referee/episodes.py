@@ -14,7 +14,6 @@ from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from typing import TypeVar
 
-import anyio
 import anyio.to_thread
 
 from evaluator.agents.external.watched import WatchedEpisode, outcome_of, watch_episode

@@ -1,23 +1,26 @@
 """`--workers N`: worker processes on this machine play the episodes. With `--server host` each starts its own host.
 
-A worker is a Python process that holds one end of a socket pair. A number matches each reply on the socket to its
-request. Each side detects the end of the other as end of file. A worker then stops its servers and exits.
+A worker runs this module and holds one end of a socket pair. A number matches each reply on the socket to its request.
+Each side detects the end of the other as end of file. A worker then stops its servers and exits.
 """
 
+import asyncio
 import contextlib
+import gc
 import itertools
 import os
+import pickle
 import socket
 import subprocess
 import sys
 import tempfile
+import traceback
 from collections.abc import AsyncGenerator, Mapping
 from dataclasses import dataclass, field, replace
 from importlib import metadata
 from pathlib import Path
-from typing import IO, Any
+from typing import IO, Any, Self
 
-import anyio
 import anyio.to_thread
 from anyio.abc import TaskGroup
 
@@ -27,8 +30,81 @@ from evaluator.records.episode import Episode, EpisodeKey, Versions
 from evaluator.records.run import RunRecord
 from evaluator.study.run_config import EXTERNAL, RunConfig
 from evaluator.study.runner import Play
-from evaluator.study.worker_process import ProcessChannel
 from evaluator.study.workers import Crash, EpisodeWorker, Terms, WorkerLost, Workers, WorkerSlot, lanes_of, shares
+
+_LENGTH = 8
+"""Size of the length prefix of a message [bytes]."""
+
+
+@dataclass(slots=True)
+class ProcessChannel:
+    """Sends pickled objects over a socket between two processes of one run, which trust each other."""
+
+    reader: asyncio.StreamReader
+    writer: asyncio.StreamWriter
+    closed: bool = False
+    """Whether the other end has closed the connection."""
+
+    @classmethod
+    async def over(cls, connection: socket.socket) -> Self:
+        """Create a channel over a connected socket."""
+        return cls(*await asyncio.open_connection(sock=connection))
+
+    async def receive(self) -> Any:
+        """Receive the next object; None if the other end has closed the connection."""
+        try:
+            length = int.from_bytes(await self.reader.readexactly(_LENGTH))
+            return pickle.loads(await self.reader.readexactly(length))  # noqa: S301 - from our own process
+        except (asyncio.IncompleteReadError, OSError):
+            self.closed = True
+            return None
+
+    def send(self, message: object) -> None:
+        """Send an object. Does nothing if the other end has closed the connection."""
+        written = pickle.dumps(message)
+        with contextlib.suppress(OSError):
+            self.writer.write(len(written).to_bytes(_LENGTH) + written)
+
+    def close(self) -> None:
+        """Close the connection."""
+        self.closed = True
+        self.writer.close()
+
+
+async def serve(connection: socket.socket) -> None:
+    """Serve requests until the parent sends `close` or closes the connection."""
+    channel = await ProcessChannel.over(connection)
+    worker: EpisodeWorker | None = None
+    last: int | None = None
+    """Number of the request that ends this process."""
+
+    async def answer(number: int, what: str, arguments: tuple[Any, ...]) -> None:
+        try:
+            outcome = await getattr(worker, what)(*arguments)
+        except Exception:  # noqa: BLE001 - the run must receive the traceback, not only learn that this process ended
+            outcome = Crash(traceback.format_exc())
+        channel.send((number, outcome))
+
+    try:
+        async with anyio.create_task_group() as tasks:
+            while last is None and (message := await channel.receive()) is not None:
+                number, what, arguments = message
+                if what == "close":
+                    last = number
+                elif what == "prepare":
+                    (worker,) = arguments
+                    tasks.start_soon(answer, number, what, ())
+                else:
+                    tasks.start_soon(answer, number, what, arguments)
+            tasks.cancel_scope.cancel()
+    finally:
+        if worker is not None:
+            with anyio.CancelScope(shield=True):
+                await worker.close()
+    if last is not None:
+        channel.send((last, None))
+    channel.close()
+
 
 AVAILABLE = hasattr(socket, "AF_UNIX")
 """Whether the platform has the Unix domain sockets that workers need; Windows has none."""
@@ -141,7 +217,7 @@ class _ProcessWorker:
         try:
             with theirs:
                 self._process = subprocess.Popen(  # noqa: ASYNC220, S603 - our own program, and does not wait
-                    [sys.executable, "-m", "evaluator.study.worker_process", str(theirs.fileno())],
+                    [sys.executable, "-m", "evaluator.study.process_executor", str(theirs.fileno())],
                     stdin=subprocess.DEVNULL,
                     stderr=self._errors,
                     pass_fds=[theirs.fileno()],
@@ -241,3 +317,9 @@ async def process_workers(
                 async with anyio.create_task_group() as ending:
                     for worker in workers:
                         ending.start_soon(worker.stop)
+
+
+if __name__ == "__main__":
+    # GC thresholds for a process with many long-lived objects. The limit of open files is inherited from the parent.
+    gc.set_threshold(10_000, 20, 20)
+    anyio.run(serve, socket.socket(fileno=int(sys.argv[1])))

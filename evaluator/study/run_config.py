@@ -10,8 +10,7 @@ from pathlib import Path
 from evaluator.agents.attackers.strategies import AttackerAgent
 from evaluator.agents.baselines import BlindAgent, OracleOnceAgent, RandomAgent
 from evaluator.agents.custom import load_agent
-from evaluator.agents.external.agent import ExternalAgent
-from evaluator.agents.external.command import parse_external
+from evaluator.agents.external.agent import ExternalAgent, parse_external
 from evaluator.agents.models.choice import Options, parse_model
 from evaluator.agents.models.lanes import Lanes, Patience
 from evaluator.agents.presentation import Change, presented
@@ -23,7 +22,7 @@ from evaluator.episode.loop import AgentParticipant, Participant
 from evaluator.episode.player import Agent
 from evaluator.errors import UsageError
 from evaluator.records.run import Plan, SeedKey, SeedOf, seed_as_recorded
-from evaluator.study.meter import Limits
+from evaluator.study.runner import Limits
 from evaluator.study.shards import WHOLE, Shard
 from scenes import PackFiles
 

@@ -11,7 +11,6 @@ from datetime import UTC, datetime
 from importlib.resources import files
 from typing import Any
 
-import anyio
 import anyio.to_thread
 from pydantic import ValidationError
 from starlette.applications import Starlette

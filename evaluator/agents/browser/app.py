@@ -14,7 +14,6 @@ from dataclasses import dataclass
 from importlib.resources import files
 from typing import Any
 
-import anyio
 import anyio.lowlevel
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from starlette.applications import Starlette

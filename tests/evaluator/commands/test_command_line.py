@@ -482,7 +482,7 @@ except SystemExit:
 def test_commands_that_play_nothing_load_neither_mcp_nor_the_optimisers_of_scipy() -> None:
     code = """
 import sys
-import evaluator.commands.compare, evaluator.commands.grade, evaluator.commands.merge, evaluator.commands.report
+import evaluator.commands.compare, evaluator.commands.grade, evaluator.commands.report
 import evaluator.commands.scenes
 sys.exit(" ".join({"mcp", "mujoco", "scipy.optimize"} & set(sys.modules)) or 0)
 """

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import anyio
 
-from evaluator.agents.external.command import parse_external
+from evaluator.agents.external.agent import parse_external
 from evaluator.episode.hosts import HostConnector
 from evaluator.records.episode import Episode, Outcome
 from tests.builders.paths import DOCS

@@ -13,8 +13,7 @@ import anyio
 import httpx2
 import pytest
 
-from evaluator.agents.external.agent import ExternalAgent
-from evaluator.agents.external.command import parse_external
+from evaluator.agents.external.agent import ExternalAgent, parse_external
 from evaluator.agents.external.isolation import child_environment
 from evaluator.agents.external.watched import WatchedEpisode
 from evaluator.episode.connect import ProcessConnector, connect

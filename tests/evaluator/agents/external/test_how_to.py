@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from evaluator.agents.external.command import parse_external
+from evaluator.agents.external.agent import parse_external
 from evaluator.episode.hosts import HostConnector
 from evaluator.episode.player import ToolDescription
 from evaluator.episode.protocols.typed import parse_line

@@ -11,8 +11,7 @@ import anyio
 import pytest
 from mcp import Client
 
-from evaluator.agents.external.agent import ExternalAgent
-from evaluator.agents.external.command import parse_external
+from evaluator.agents.external.agent import ExternalAgent, parse_external
 from evaluator.agents.external.isolation import TOKEN, URL, SystemUser, SystemUsers, system_users
 from evaluator.agents.external.watched import watch_episode
 from evaluator.commands.run_options import read_options
