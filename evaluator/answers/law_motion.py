@@ -6,7 +6,6 @@ A simulation consists of *legs*, during which the loads are constant.
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
 
 from physment_mcp.contract.stated_laws import PLACES, SPEEDS, StatedLaw
 from scenes.law_statements import Coordinate
@@ -19,7 +18,8 @@ _HELD_STEP_S = 0.05
 """Largest integration step of the law's state variables while the objects are held [s]."""
 
 
-class LoadPlan(NamedTuple):
+@dataclass(frozen=True, slots=True)
+class LoadPlan:
     """Input of a simulation: the initial state and, for each leg, one load per coordinate."""
 
     held_s: float

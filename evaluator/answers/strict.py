@@ -7,7 +7,6 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from fractions import Fraction
-from typing import NamedTuple
 
 from pydantic import JsonValue
 
@@ -190,7 +189,8 @@ class AnswerKey:
         return self.value if isinstance(self.value, tuple) else (self.value,)
 
 
-class Finding(NamedTuple):
+@dataclass(frozen=True, slots=True)
+class Finding:
     """The result of comparing one part of an answer."""
 
     right: bool

@@ -14,7 +14,6 @@ from collections import Counter
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import NamedTuple
 
 from evaluator.errors import UsageError, reason_of
 from evaluator.records.calibration import QUANTILE, Calibration
@@ -35,7 +34,8 @@ EXPOSED = 5
 """Number of most informative scenes from which the next scene is drawn."""
 
 
-class DifficultyTable(NamedTuple):
+@dataclass(frozen=True, slots=True)
+class DifficultyTable:
     """Difficulties of scenes."""
 
     difficulties: Mapping[int, SceneDifficulty]

@@ -10,8 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from evaluator.calibration.model import FEATURES, Array, RaschFit, fit
-from evaluator.calibration.responses import Responses
+from evaluator.calibration.model import FEATURES, Array, RaschFit, Responses, fit
 from evaluator.records.calibration import (
     DETECTED,
     LEVELS,

@@ -4,8 +4,7 @@ import os
 from collections.abc import Callable, Iterable
 from typing import TypeVar
 
-import anyio
-from anyio import to_process
+import anyio.to_process
 
 J = TypeVar("J")
 R = TypeVar("R")
@@ -27,7 +26,7 @@ async def in_processes(
     limiter = anyio.CapacityLimiter(workers)
 
     async def one(job: J) -> None:
-        on_done(job, await to_process.run_sync(work(job), cancellable=True, limiter=limiter))
+        on_done(job, await anyio.to_process.run_sync(work(job), cancellable=True, limiter=limiter))
 
     async with anyio.create_task_group() as tasks:
         for job in jobs:

@@ -8,9 +8,8 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from functools import partial
 
-import anyio
+import anyio.to_process
 import numpy as np
-from anyio import to_process
 from scipy.optimize import root_scalar
 
 from evaluator.answers.engine import Engine
@@ -274,7 +273,7 @@ async def make_worlds(
         nonlocal some
         work = partial(make_world, level, difficulty, secret, index)
         try:
-            found: Made | Unmade = await to_process.run_sync(work, cancellable=True, limiter=limiter)
+            found: Made | Unmade = await anyio.to_process.run_sync(work, cancellable=True, limiter=limiter)
             some = True
         except WorldError as error:
             if not some:

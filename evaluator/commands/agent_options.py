@@ -7,8 +7,7 @@ from typing import TypedDict
 
 from evaluator.agents.external.agent import CALLS_PER_ITERATION
 from evaluator.agents.external.isolation import TOKEN, URL
-from evaluator.agents.models.choice import EFFORTS, Options, checked
-from evaluator.agents.models.lanes import DEFAULT_LIMIT, Patience
+from evaluator.agents.models.choice import DEFAULT_LIMIT, EFFORTS, Options, Patience, checked
 from evaluator.commands.base import OptionGroup, count_of, seconds, temperature
 from evaluator.errors import UsageError
 

@@ -10,6 +10,7 @@ import socket
 import sys
 import webbrowser
 from collections.abc import Awaitable, Callable
+from datetime import UTC, datetime
 from pathlib import Path
 from types import FrameType
 from typing import Any, Protocol, TypeVar
@@ -212,6 +213,16 @@ def wide_console() -> Console:
     """Create a console for tables. Without a terminal, it is wide enough that no words are broken."""
     console = Console()
     return console if console.is_terminal else Console(width=140)
+
+
+def results_console(*, as_json: bool) -> Console:
+    """Create the console for tables of a command, which is stderr if the command prints JSON on stdout."""
+    return Console(stderr=as_json)
+
+
+def usual_folder(label: str) -> Path:
+    """The folder of a new run whose command names none: `runs/TIME-LABEL`."""
+    return Path("runs") / f"{datetime.now(UTC):%Y%m%dT%H%M%S}-{label}"
 
 
 def progress_bar(console: Console | None = None, *, last: str = "") -> Progress:

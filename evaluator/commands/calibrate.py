@@ -5,9 +5,8 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from evaluator.answers.keys import KeyRing
-from evaluator.calibration.model import features_of
+from evaluator.calibration.model import features_of, responses
 from evaluator.calibration.pages import calibration_page, calibration_text
-from evaluator.calibration.responses import responses
 from evaluator.calibration.results import calibrate
 from evaluator.commands.base import Commands, folder_to_write
 from evaluator.commands.terminal import printable

@@ -8,7 +8,6 @@ import io
 import os
 import shutil
 from collections.abc import Iterable
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import Literal, Self
 
@@ -20,7 +19,7 @@ from evaluator.answers.keys import KeyRing
 from evaluator.commands.base import page_token
 from evaluator.commands.finishing import finish
 from evaluator.errors import StoreError, UsageError, reason_of
-from evaluator.records.episode import Record
+from evaluator.records.episode import Record, timestamp
 from evaluator.store.run_folder import RunFolder
 
 MOST_PEOPLE = 500
@@ -106,7 +105,7 @@ def write_challenge(folder: RunFolder, challenge: Challenge) -> None:
 
 def agreed(person: Person) -> Person:
     """Return a copy of the person with the present time as the time of consent."""
-    return person.model_copy(update={"agreed_at": datetime.now(UTC).isoformat(timespec="seconds")})
+    return person.model_copy(update={"agreed_at": timestamp("seconds")})
 
 
 def links_file(folder: RunFolder) -> Path:

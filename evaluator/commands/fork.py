@@ -3,12 +3,18 @@
 import argparse
 from pathlib import Path
 
-from rich.console import Console
-
 from evaluator.agents.presentation import parse_presentation
 from evaluator.answers.keys import KeyRing
 from evaluator.commands.agent_options import USUAL_CONCURRENCY, add_model_options, model_options
-from evaluator.commands.base import Commands, allow_modified, count_of, folder_to_write, seconds, seed_key
+from evaluator.commands.base import (
+    Commands,
+    allow_modified,
+    count_of,
+    folder_to_write,
+    results_console,
+    seconds,
+    seed_key,
+)
 from evaluator.commands.playing import PreparedRun, create_folder, play_run
 from evaluator.episode.loop import AgentParticipant
 from evaluator.errors import UsageError
@@ -24,8 +30,8 @@ from evaluator.study.integrity import (
     seal_note,
     seeds_of,
 )
+from evaluator.study.meter import Meter
 from evaluator.study.run_config import RunConfig, participants_of
-from evaluator.study.runner import Meter
 from scenes import PackError, find_pack
 
 _DESCRIPTION = f"""\
@@ -106,7 +112,7 @@ def _fork(args: argparse.Namespace) -> int:
         folder=create_folder(config, participants),
         answers=KeyRing(args.scenes_dir, seed_of),
         meter=Meter(config.limits),
-        console=Console(stderr=args.json),
+        console=results_console(as_json=args.json),
         forked_from=ForkedRun(folder=args.folder.resolve().name, seal_head=seal.head if seal else "", turn=args.turn),
     )
     pass_on_key(source, run.folder)

@@ -3,10 +3,8 @@
 import argparse
 from pathlib import Path
 
-from rich.console import Console
-
 from evaluator.answers.keys import KeyRing
-from evaluator.commands.base import Commands, folder_to_write, stored_run_options
+from evaluator.commands.base import Commands, folder_to_write, results_console, stored_run_options
 from evaluator.commands.finishing import finish
 from evaluator.store.run_folder import RunFolder
 from evaluator.study.integrity import (
@@ -46,7 +44,7 @@ def _grade(args: argparse.Namespace) -> int:
     other = [] if args.allow_other_packs else other_packs(record, args.scenes_dir)
     note = seal_note(folder, trust=args.allow_modified)
     keys = KeyRing(args.scenes_dir, seeds_of(folder, args.seed_key))
-    return finish(folder, keys, Console(stderr=args.json), as_json=args.json, note=note, kept=other)
+    return finish(folder, keys, results_console(as_json=args.json), as_json=args.json, note=note, kept=other)
 
 
 _MERGE = """\
@@ -72,4 +70,4 @@ def _merge(args: argparse.Namespace) -> int:
         refuse_other_packs(parts[0].read_run(), args.scenes_dir)
     merge(parts, folder, trust=args.allow_modified)
     pass_on_key(parts[0], folder)
-    return finish(folder, keys, Console(stderr=args.json), as_json=args.json)
+    return finish(folder, keys, results_console(as_json=args.json), as_json=args.json)

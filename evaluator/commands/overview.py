@@ -73,7 +73,7 @@ COMMANDS: dict[str, tuple[str, str]] = {
     "check-submission": ("submit", "check a submission against its run folder"),
     "board": ("submit", "write a leaderboard page of submissions"),
     "reveal-seeds": ("submit", "disclose or check the held-back seeds of a run"),
-    "replay-original": ("replay_original", ""),
+    "replay-original": ("replay", ""),
     "keep-baselines": ("report", ""),
 }
 """Command → its module and its one-line help. The module is in this folder and declares the command in `add`; it is

@@ -8,7 +8,6 @@ import signal
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from datetime import UTC, datetime
 from pathlib import Path
 from types import ModuleType
 
@@ -17,7 +16,7 @@ from rich.markdown import Markdown
 
 from evaluator.agents.human import HumanAgent
 from evaluator.answers.keys import KeyRing
-from evaluator.commands.base import Commands, count_of, folder_to_write, port, run_async, scene_id, seed
+from evaluator.commands.base import Commands, count_of, folder_to_write, port, run_async, scene_id, seed, usual_folder
 from evaluator.commands.human_episode import HumanPlay, kept_if_used, play_in_browser
 from evaluator.commands.terminal import printable
 from evaluator.study.selection import parse_scenes
@@ -60,8 +59,7 @@ def _play(args: argparse.Namespace) -> int:
     (files,) = parse_scenes(reference_of(args.scene), args.scenes_dir)
     console = Console()
     play = HumanPlay(args.server, args.scenes_dir, args.budget, KeyRing(args.scenes_dir), console)
-    stamp = datetime.now(UTC).strftime("%Y%m%dT%H%M%S")
-    variant = play.variant(files, args.seed, args.out or Path("runs") / f"{stamp}-human")
+    variant = play.variant(files, args.seed, args.out or usual_folder("human"))
     with kept_if_used(variant.folder):
         if args.web:
             play_in_browser(play, variant, args.port, opens=not args.no_open)

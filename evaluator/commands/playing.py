@@ -6,11 +6,9 @@ import os
 import sys
 from collections.abc import AsyncGenerator, Generator, Mapping
 from dataclasses import dataclass, replace
-from datetime import UTC, datetime
 from importlib import import_module
 from importlib.metadata import version
 from importlib.util import find_spec
-from pathlib import Path
 
 from opentelemetry.trace import set_tracer_provider
 from rich.console import Console
@@ -18,7 +16,7 @@ from rich.console import Console
 from evaluator.answers.keys import KeyRing
 from evaluator.calibration.adaptive import DifficultyTable
 from evaluator.commands.adaptive import play_adaptively
-from evaluator.commands.base import run_async
+from evaluator.commands.base import run_async, usual_folder
 from evaluator.commands.finishing import finish
 from evaluator.commands.terminal import ProgressDisplay, Tally
 from evaluator.episode.connect import EpisodeConnector, connect
@@ -30,11 +28,12 @@ from evaluator.records.run import ForkedRun, Plan, RunRecord, SeedProofs
 from evaluator.store.redaction import Redaction
 from evaluator.store.run_folder import RunFolder
 from evaluator.study.integrity import Sealing, played_worlds
+from evaluator.study.meter import Meter
 from evaluator.study.process_executor import process_workers, usual_workers
 from evaluator.study.ray_executor import ray_workers
 from evaluator.study.run_config import RunConfig
 from evaluator.study.run_start import continued, run_record, server_record
-from evaluator.study.runner import LocalPlay, Meter, Play, Runner, missing
+from evaluator.study.runner import LocalPlay, Play, Runner, missing
 from evaluator.study.shards import WHOLE
 from scenes import ErratumEffect
 
@@ -88,9 +87,8 @@ def create_folder(config: RunConfig, participants: Mapping[str, Participant]) ->
         raise UsageError("--resume needs the folder of the run: --out DIR")
     if shard != WHOLE and config.out is None:
         raise UsageError(f"shard {shard.index}/{shard.count} needs the folder of the whole run: --out DIR")
-    time = datetime.now(UTC).strftime("%Y%m%dT%H%M%S")
     label = "study" if len(participants) > 1 else next(iter(participants)).split(":")[0]
-    whole = config.out or Path("runs") / f"{time}-{label}"
+    whole = config.out or usual_folder(label)
     folder = RunFolder(whole if shard == WHOLE else whole / shard.name)
     folder.create(resume=config.resume)
     return folder

@@ -9,21 +9,19 @@ from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from itertools import count
 
-from rich.console import Console
-
 from evaluator.answers.keys import KeyRing
 from evaluator.certify.records import engine_note
 from evaluator.certify.seed_proofs import SeedProver, Variant
 from evaluator.commands.adaptive import adaptive_config
-from evaluator.commands.base import Commands, progress_bar, run_async
+from evaluator.commands.base import Commands, progress_bar, results_console, run_async
 from evaluator.commands.playing import PreparedRun, create_folder, play_run, require_otel
 from evaluator.commands.run_options import add_options, read_options
 from evaluator.errors import UsageError
 from evaluator.records.episode import EpisodeKey
 from evaluator.records.run import SEED_SHIFT, AdaptivePlan, Plan, SeedProofs
+from evaluator.study.meter import Meter
 from evaluator.study.ray_executor import require_ray
 from evaluator.study.run_config import RunConfig, participants_of
-from evaluator.study.runner import Meter
 from evaluator.study.shards import WHOLE, Shard
 from scenes import USUAL_TIMESTEP_S, PackError, PackFiles, default_folder, timestep_of
 
@@ -130,7 +128,7 @@ def _run(args: argparse.Namespace) -> int:
     plan, proofs = prove_seeds(config, plan)
     keys = [key for key in plan.matrix() if config.shard.takes(key)]
     folder = create_folder(config, participants)
-    console, meter = Console(stderr=config.as_json), Meter(config.limits)
+    console, meter = results_console(as_json=config.as_json), Meter(config.limits)
     run = PreparedRun(
         config, participants, plan, keys, folder, answers, meter, console, seed_proofs=proofs, table=table
     )

@@ -32,8 +32,8 @@ from evaluator.errors import UsageError
 from evaluator.records.run import SEED_SHIFT
 from evaluator.study import process_executor
 from evaluator.study.integrity import read_seed_key
+from evaluator.study.meter import Limits
 from evaluator.study.run_config import AGENTS, EXTERNAL, RunConfig
-from evaluator.study.runner import Limits
 from evaluator.study.selection import (
     SUITE,
     USUAL_SEEDS,

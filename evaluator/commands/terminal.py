@@ -30,7 +30,7 @@ from evaluator.scores.wording import (
     share,
     withdrawn_clause,
 )
-from evaluator.study.runner import Meter
+from evaluator.study.meter import Meter
 from scenes import Rung, reference_of
 
 

@@ -10,7 +10,6 @@ import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractAsyncContextManager, nullcontext
 from dataclasses import dataclass, field, replace
-from datetime import UTC, datetime
 from typing import Any, Protocol
 
 import mcp_types as types
@@ -34,6 +33,7 @@ from evaluator.records.episode import (
     Turn,
     Usage,
     Versions,
+    timestamp,
     total_usage,
 )
 from physment_mcp.contract.names import GONE, SCENE_URI
@@ -70,7 +70,7 @@ async def play_episode(
     Raises:
         InfrastructureError: The server failed; the episode has no outcome and may be played again.
     """
-    started_at, clock = datetime.now(UTC).isoformat(timespec="milliseconds"), time.perf_counter()
+    started_at, clock = timestamp(), time.perf_counter()
     toolbox = await (toolboxes or Toolboxes()).of(client, key.scene)
     briefing = await _brief(client, key, toolbox)
     turns: list[Turn] = []

@@ -2,6 +2,7 @@
 
 import hashlib
 from collections.abc import Iterable, Iterator
+from datetime import UTC, datetime
 from enum import StrEnum
 from typing import Any, Literal, Self
 
@@ -10,6 +11,11 @@ from pydantic import BaseModel, ConfigDict, Field, JsonValue
 FORMAT = 1
 """Version of the on-disk format. Readers refuse a higher version."""
 _ANSWER = "answer"
+
+
+def timestamp(timespec: str = "milliseconds") -> str:
+    """The present time in UTC, in ISO 8601, as records state it."""
+    return datetime.now(UTC).isoformat(timespec=timespec)
 
 
 def is_absent(value: object) -> bool:

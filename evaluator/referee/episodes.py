@@ -9,9 +9,7 @@ import secrets
 import time
 from collections import OrderedDict
 from collections.abc import AsyncGenerator, Mapping
-from contextlib import AsyncExitStack
 from dataclasses import dataclass, field
-from datetime import UTC, datetime
 from typing import TypeVar
 
 import anyio.to_thread
@@ -25,7 +23,7 @@ from evaluator.episode.hosts import HostConnector
 from evaluator.episode.loop import play_episode
 from evaluator.episode.player import Briefing
 from evaluator.errors import InfrastructureError, RefusedRequest, ServerFull
-from evaluator.records.episode import Episode, EpisodeKey, Grade, Outcome, Verdict
+from evaluator.records.episode import Episode, EpisodeKey, Grade, Outcome, Verdict, timestamp
 from evaluator.records.run import RunRecord
 from evaluator.referee.contract import EndedEpisode, OpenedEpisode, Reward, Variant, WantedEpisode, WantedVariants
 from evaluator.referee.recording import Metrics, Recording
@@ -52,7 +50,7 @@ class _Watched:
     owner_token: str
     prompt: str
     watched: WatchedEpisode
-    closing: AsyncExitStack
+    closing: contextlib.AsyncExitStack
     """Closes the episode on the server."""
     opened_at: float
     """Time of opening on the monotonic clock [s]."""
@@ -120,7 +118,7 @@ class Referee:
             RefusedRequest: There is no such variant, it has no key, or too many episodes are open.
             InfrastructureError: The server failed.
         """
-        async with self._places(count), AsyncExitStack() as closing:
+        async with self._places(count), contextlib.AsyncExitStack() as closing:
             variant, key = await self._selected(wanted, self.record.plan.agents[0], curriculum)
             episodes: list[_Watched] = []
             briefing: Briefing | None = None
@@ -187,8 +185,8 @@ class Referee:
         self, variant: Variant, key: EpisodeKey, max_calls: int, briefing: Briefing | None
     ) -> tuple[_Watched, Briefing]:
         """Open an episode on the server; `briefing` is reused from another episode of the variant, if given."""
-        started_at = datetime.now(UTC).isoformat(timespec="milliseconds")
-        async with AsyncExitStack() as stack:
+        started_at = timestamp()
+        async with contextlib.AsyncExitStack() as stack:
             watched = await stack.enter_async_context(
                 watch_episode(self.host, key.scene, key.seed, max_calls, guarded=True)
             )

@@ -3,7 +3,6 @@
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
 
 from evaluator.records.run import RunRecord
 from evaluator.report.attachments import NOTHING, Attachments
@@ -31,7 +30,8 @@ CATEGORIES = {
 """Category → its name in the paper, in the order of the paper's heat map."""
 
 
-class Quoted(NamedTuple):
+@dataclass(frozen=True, slots=True)
+class Quoted:
     """The results of a model, as printed in the paper."""
 
     model: str

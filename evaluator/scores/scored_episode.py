@@ -4,7 +4,6 @@ from collections import Counter
 from collections.abc import Iterable
 from dataclasses import dataclass
 from statistics import median
-from typing import NamedTuple
 
 from evaluator.answers.rewards import Chance
 from evaluator.records.episode import Episode, EpisodeKey, Grade, GradeRecord, LawGrade, Outcome, Record, Verdict
@@ -77,7 +76,8 @@ def accuracy_bounds(correct: int, scored: int, withdrawn: int) -> AccuracyBounds
     return AccuracyBounds(all_wrong=correct / whole, all_right=(correct + withdrawn) / whole) if withdrawn else None
 
 
-class MeasuredEpisode(NamedTuple):
+@dataclass(frozen=True, slots=True)
+class MeasuredEpisode:
     """An episode whose evidence was measured, with its verdict."""
 
     episode: Episode
@@ -124,7 +124,8 @@ def evidence_summary(measured: Iterable[MeasuredEpisode]) -> EvidenceSummary | N
     )
 
 
-class StatedEpisode(NamedTuple):
+@dataclass(frozen=True, slots=True)
+class StatedEpisode:
     """An episode of a scene that asks for a law."""
 
     law: LawGrade | None

@@ -14,12 +14,10 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from evaluator.records.episode import Choice, Record
-from evaluator.statistics.intervals import Interval
+from evaluator.statistics.intervals import Array, Interval
 
-Array = NDArray[np.float64]
 ABILITY_SD = 3.0
 """Prior standard deviation of abilities [logits]."""
 _ABILITIES = np.linspace(-12.0, 12.0, 161)

@@ -17,7 +17,6 @@ import tempfile
 import traceback
 from collections.abc import AsyncGenerator, Mapping
 from dataclasses import dataclass, field, replace
-from importlib import metadata
 from pathlib import Path
 from typing import IO, Any, Self
 
@@ -30,7 +29,17 @@ from evaluator.records.episode import Episode, EpisodeKey, Versions
 from evaluator.records.run import RunRecord
 from evaluator.study.run_config import EXTERNAL, RunConfig
 from evaluator.study.runner import Play
-from evaluator.study.workers import Crash, EpisodeWorker, Terms, WorkerLost, Workers, WorkerSlot, lanes_of, shares
+from evaluator.study.workers import (
+    VERSION,
+    Crash,
+    EpisodeWorker,
+    Terms,
+    WorkerLost,
+    Workers,
+    WorkerSlot,
+    lanes_of,
+    shares,
+)
 
 _LENGTH = 8
 """Size of the length prefix of a message [bytes]."""
@@ -301,7 +310,7 @@ async def process_workers(
     count = max(1, min(count, config.concurrency, *lanes.values()))
     shared = replace(config, lanes={provider: max(1, limit // count) for provider, limit in lanes.items()})
     packs = record.packs if config.server in {"stdio", "host"} else {}
-    plan = EpisodeWorker(shared, Path.cwd(), metadata.version("physment-mcp"), packs, _KIND)
+    plan = EpisodeWorker(shared, Path.cwd(), VERSION, packs, _KIND)
     async with anyio.create_task_group() as tasks:
         workers = [_ProcessWorker(plan, tasks) for _ in range(count)]
         slots = [

@@ -4,13 +4,12 @@ This module does not access run folders. Ray is imported when the workers are st
 """
 
 import contextlib
-import importlib
 import logging
 import os
 import socket
 from collections.abc import AsyncGenerator, Generator, Mapping
 from dataclasses import dataclass, replace
-from importlib import metadata
+from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
@@ -21,7 +20,7 @@ from evaluator.records.episode import Episode, EpisodeKey, Versions
 from evaluator.records.run import RunRecord
 from evaluator.study.run_config import RunConfig
 from evaluator.study.runner import Play
-from evaluator.study.workers import EpisodeWorker, Terms, WorkerLost, Workers, WorkerSlot, lanes_of, shares
+from evaluator.study.workers import VERSION, EpisodeWorker, Terms, WorkerLost, Workers, WorkerSlot, lanes_of, shares
 
 EXTRA = "physment-mcp[ray]"
 ADDRESS_VARIABLE = "RAY_ADDRESS"
@@ -117,7 +116,7 @@ async def ray_workers(
                 max_task_retries=0,
                 scheduling_strategy="SPREAD",
             )
-            actors.append(actor.remote(shared, Path.cwd(), metadata.version("physment-mcp"), packs, _KIND))
+            actors.append(actor.remote(shared, Path.cwd(), VERSION, packs, _KIND))
             slots.append(WorkerSlot(_RayWorker(ray, actors[-1]), places))
         async with Workers(slots, Terms(record, config.episode_timeout_s, patience_s, _KIND)).at_work() as play:
             yield play
@@ -131,7 +130,7 @@ def _connected() -> Any:
     require_ray()
     # Ray sends usage statistics to its developers by default; this opts out.
     os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
-    ray: Any = importlib.import_module("ray")
+    ray: Any = import_module("ray")
     address = os.environ.get(ADDRESS_VARIABLE)
     where = {"address": address} if address else {"address": "local", "include_dashboard": False}
     try:

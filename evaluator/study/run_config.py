@@ -11,8 +11,7 @@ from evaluator.agents.attackers.strategies import AttackerAgent
 from evaluator.agents.baselines import BlindAgent, OracleOnceAgent, RandomAgent
 from evaluator.agents.custom import load_agent
 from evaluator.agents.external.agent import ExternalAgent, parse_external
-from evaluator.agents.models.choice import Options, parse_model
-from evaluator.agents.models.lanes import Lanes, Patience
+from evaluator.agents.models.choice import Lanes, Options, Patience, parse_model
 from evaluator.agents.presentation import Change, presented
 from evaluator.agents.recorded import load_recorded
 from evaluator.agents.reference import BatchAgent, ConstantAgent, ReferenceAgent, load_script
@@ -22,7 +21,7 @@ from evaluator.episode.loop import AgentParticipant, Participant
 from evaluator.episode.player import Agent
 from evaluator.errors import UsageError
 from evaluator.records.run import Plan, SeedKey, SeedOf, seed_as_recorded
-from evaluator.study.runner import Limits
+from evaluator.study.meter import Limits
 from evaluator.study.shards import WHOLE, Shard
 from scenes import PackFiles
 

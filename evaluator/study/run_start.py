@@ -5,7 +5,6 @@ import json
 import platform
 import subprocess
 from collections.abc import Mapping, Sequence
-from datetime import UTC, datetime
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
@@ -13,6 +12,7 @@ from mcp import Client
 from pydantic import JsonValue
 
 from evaluator.errors import UsageError
+from evaluator.records.episode import timestamp
 from evaluator.records.run import Plan, RunRecord, ServerRecord
 from evaluator.store.run_folder import RunFolder
 from evaluator.study.integrity import worlds_difference
@@ -57,7 +57,7 @@ def run_record(
         shard: The part of the plan to play, `i/n`; None for all of it.
     """
     return RunRecord(
-        created_at=datetime.now(UTC).isoformat(timespec="seconds"),
+        created_at=timestamp("seconds"),
         plan=plan,
         agents={name: dict(facts) for name, facts in (agents or {}).items()},
         shard=shard,

@@ -10,7 +10,7 @@ import os
 import platform
 from collections.abc import AsyncGenerator, Mapping, Sequence
 from dataclasses import dataclass, field
-from importlib import metadata
+from importlib.metadata import version
 from pathlib import Path
 from typing import Protocol
 
@@ -25,6 +25,8 @@ from evaluator.study.run_config import RunConfig, participants_of
 from evaluator.study.runner import MAX_ATTEMPTS, Play, play_key, unplayed
 from scenes import find_pack, reference_of, same_pack
 
+VERSION = version("physment-mcp")
+"""Version of this package; a run and its workers must have the same."""
 _AGAIN_S = 0.5
 """Pause between attempts to prepare a lost worker [s]."""
 _CLOSE_S = 5.0
@@ -100,8 +102,8 @@ class EpisodeWorker:
         try:
             with contextlib.suppress(OSError):
                 os.chdir(self.folder)
-            if (here := metadata.version("physment-mcp")) != self.version:
-                return UsageError(f"{where} has version {here}, not {self.version}")
+            if self.version != VERSION:
+                return UsageError(f"{where} has version {VERSION}, not {self.version}")
             for scene, known in self.packs.items():
                 if not same_pack(known, find_pack(int(scene), self.config.scenes_dir)):
                     return UsageError(f"{where} has another pack of scene {reference_of(int(scene))}")

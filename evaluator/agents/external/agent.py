@@ -14,7 +14,6 @@ import time
 from collections.abc import Mapping, Sequence
 from contextlib import AbstractAsyncContextManager, nullcontext
 from dataclasses import dataclass, field
-from datetime import UTC, datetime
 from pathlib import Path
 from urllib.parse import urlsplit
 
@@ -35,7 +34,7 @@ from evaluator.agents.external.watched import WatchedEpisode, outcome_of, watch_
 from evaluator.episode.connect import EpisodeConnector
 from evaluator.episode.hosts import TOKEN_VARIABLE, HostConnector
 from evaluator.errors import AgentError, UsageError
-from evaluator.records.episode import Episode, EpisodeKey, Outcome, Turn, Usage, Versions
+from evaluator.records.episode import Episode, EpisodeKey, Outcome, Turn, Usage, Versions, timestamp
 from evaluator.store.redaction import Redaction
 from scenes import PackError, default_folder, find_pack, list_packs, read_public
 
@@ -125,7 +124,7 @@ class ExternalAgent:
         del used
         if not isinstance(laboratory, HostConnector):
             raise UsageError(NEEDS_ADDRESS)
-        started_at, clock = datetime.now(UTC).isoformat(timespec="milliseconds"), time.perf_counter()
+        started_at, clock = timestamp(), time.perf_counter()
         max_calls = self.calls_for(key.scene, key.budget)
         environment = child_environment(os.environ, self.scenes_dir)
         clean = Redaction.of(environment)

@@ -10,7 +10,6 @@ import subprocess
 from collections.abc import Awaitable, Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from subprocess import DEVNULL, PIPE
 
 import anyio
 from anyio.abc import ByteReceiveStream, ByteSendStream, Process
@@ -122,7 +121,7 @@ async def _open(
     """Start the command in a new process group."""
     return await anyio.open_process(
         list(command),
-        stdin=PIPE if reads else DEVNULL,
+        stdin=subprocess.PIPE if reads else subprocess.DEVNULL,
         cwd=cwd,
         env=env,
         start_new_session=True,
@@ -139,9 +138,9 @@ def _start_watchdog(group: int, folder: Path) -> subprocess.Popen[bytes]:
     """
     return subprocess.Popen(  # noqa: S603 - our own script
         ["/bin/sh", "-c", _WATCH, "sh", str(group), str(folder)],
-        stdin=PIPE,
-        stdout=DEVNULL,
-        stderr=DEVNULL,
+        stdin=subprocess.PIPE,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
         start_new_session=True,
     )
 

@@ -9,7 +9,6 @@ from collections.abc import AsyncGenerator, Generator, Mapping, Sequence
 from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
-from typing import NamedTuple
 
 import anyio.to_thread
 
@@ -20,7 +19,8 @@ _KILL_ALL = ("/bin/sh", "-c", "kill -s KILL -- -1")
 """Command that kills every other process of the user that runs it."""
 
 
-class SystemUser(NamedTuple):
+@dataclass(frozen=True, slots=True)
+class SystemUser:
     """A user of this machine."""
 
     uid: int

@@ -23,7 +23,7 @@ from pydantic_ai.messages import (
     UserPromptPart,
 )
 
-from evaluator.agents.models.choice import Dialect, ModelChoice, Provider
+from evaluator.agents.models.choice import Dialect, Lane, ModelChoice, Patience, Provider
 from evaluator.agents.models.clients import (
     NOTHING,
     Offer,
@@ -33,7 +33,6 @@ from evaluator.agents.models.clients import (
     request_settings,
     settings_sent,
 )
-from evaluator.agents.models.lanes import Lane, Patience
 from evaluator.agents.models.requests import MALFORMED_CALL, Requests, raw_finish_reason
 from evaluator.episode.player import Briefing, Feedback, Reply, as_text
 from evaluator.episode.protocols.text import feedback_text, parse_reply

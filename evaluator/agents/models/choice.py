@@ -1,8 +1,9 @@
-"""Parses `model:…` into a model, its address and its options. Lists the known providers and models.
+"""Parses `model:…` into a model, its address and its options; lists the known providers and models; limits requests.
 
-This module imports no provider client, which keeps the command line fast.
+Imports no provider client, which keeps the command line fast.
 """
 
+import math
 import os
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
@@ -10,6 +11,7 @@ from enum import StrEnum
 from importlib.util import find_spec
 from urllib.parse import urlsplit, urlunsplit
 
+import anyio
 import httpx2
 
 from evaluator.errors import UsageError
@@ -286,3 +288,54 @@ def _with_option(text: str, options: Options, pair: str) -> Options:
                 raise UsageError(f"{text}: there is no option {name!r}; they are effort, temperature, max_tokens")
     except ValueError as error:
         raise UsageError(f"{text}: {name} must be a number, not {value!r}") from error
+
+
+DEFAULT_LIMIT = 8
+"""Default limit on concurrent requests to one provider."""
+
+
+@dataclass(frozen=True, slots=True)
+class Patience:
+    """Retry and time-out settings for one turn of a model."""
+
+    timeout_s: float = 600.0
+    """Longest duration of one request, to the last byte of its reply [s]."""
+    attempts: int = 6
+    """Largest number of requests before the turn fails."""
+    first_pause_s: float = 1.0
+    """Pause before the second attempt [s]; doubled for each further attempt."""
+    longest_pause_s: float = 60.0
+    """Upper limit of the doubled pause [s]; a provider may request a longer one."""
+    total_wait_s: float = 900.0
+    """Largest total of all pauses in a turn [s]."""
+
+
+@dataclass(slots=True)
+class Lane:
+    """Rate limits shared by all requests to one provider."""
+
+    limit: int = DEFAULT_LIMIT
+    shut_until: float = -math.inf
+    """No request starts before this time on the clock of `Requests` [s]."""
+    _limiter: anyio.CapacityLimiter | None = field(default=None, repr=False)
+
+    @property
+    def limiter(self) -> anyio.CapacityLimiter:
+        """Semaphore for concurrent requests. Created at first use, because it belongs to an event loop."""
+        if self._limiter is None:
+            self._limiter = anyio.CapacityLimiter(self.limit)
+        return self._limiter
+
+
+@dataclass(slots=True)
+class Lanes:
+    """The lanes of a run, one per provider. All agents of a provider share its lane."""
+
+    limits: Mapping[str, int] = field(default_factory=dict[str, int])
+    """Provider → limit on concurrent requests."""
+    default: int = DEFAULT_LIMIT
+    _lanes: dict[str, Lane] = field(default_factory=dict[str, Lane], repr=False)
+
+    def of(self, provider: str) -> Lane:
+        """Return the lane of a provider, and create it if necessary."""
+        return self._lanes.setdefault(provider, Lane(self.limits.get(provider, self.default)))

@@ -20,8 +20,8 @@ from pydantic_ai.models import Model
 from pydantic_ai.models.instrumented import InstrumentationSettings
 from pydantic_ai.settings import ModelSettings, merge_model_settings
 
+from evaluator.agents.models.choice import Lane, Patience
 from evaluator.agents.models.clients import NOTHING, Offer
-from evaluator.agents.models.lanes import Lane, Patience
 from evaluator.episode.tracing import are_recorded
 from evaluator.errors import AgentError, EvaluatorError, InfrastructureError, PermanentFailure
 

@@ -9,9 +9,8 @@ import pytest
 from scipy.integrate import quad
 from scipy.stats import norm
 
-from evaluator.calibration.model import FEATURES, _Posterior, features_of, fit
+from evaluator.calibration.model import FEATURES, _Posterior, counted_responses, features_of, fit, responses
 from evaluator.calibration.pages import calibration_page, calibration_tables, calibration_text, person_item_map
-from evaluator.calibration.responses import counted_responses, responses
 from evaluator.calibration.results import calibrate, components
 from evaluator.errors import UsageError
 from evaluator.records.calibration import DETECTED, Calibration

@@ -13,7 +13,7 @@ from evaluator.records.episode import Outcome
 from evaluator.scores.metrics import summarise
 from evaluator.scores.scored_episode import ScoredEpisode
 from evaluator.scores.scoring import GradedRun
-from evaluator.study.runner import Meter
+from evaluator.study.meter import Meter
 from tests.builders.records import episode, episode_key, grade, returned, turn
 from tests.builders.scored import scored
 

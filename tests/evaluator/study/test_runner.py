@@ -19,7 +19,8 @@ from evaluator.errors import AgentError, InfrastructureError, PermanentFailure, 
 from evaluator.records.episode import Episode, EpisodeKey, Outcome, Usage, Verdict
 from evaluator.records.run import Plan
 from evaluator.store.run_folder import RunFolder
-from evaluator.study.runner import MAX_ATTEMPTS, Limits, LocalPlay, Meter, Runner, missing
+from evaluator.study.meter import Limits, Meter
+from evaluator.study.runner import MAX_ATTEMPTS, LocalPlay, Runner, missing
 from physment_mcp import open_episode
 from tests.builders.records import ANSWER, STEP, VERSIONS, answer
 

@@ -15,7 +15,7 @@ from evaluator.errors import UsageError
 from evaluator.records.episode import Usage
 from evaluator.records.run import Plan
 from evaluator.store.run_folder import RunFolder
-from evaluator.study.runner import Limits, Meter
+from evaluator.study.meter import Limits, Meter
 from evaluator.study.shards import WHOLE, Shard, parse_shard, shard_of_environment
 from physment_mcp.scene import load_scene
 from physment_mcp.serving.prompts import PromptOptions, opening_prompt

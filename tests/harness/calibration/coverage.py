@@ -9,8 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from evaluator.calibration.model import fit
-from evaluator.calibration.responses import Responses, counted_responses
+from evaluator.calibration.model import Responses, counted_responses, fit
 
 
 class Design(NamedTuple):

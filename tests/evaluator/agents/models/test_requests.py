@@ -12,8 +12,7 @@ import pytest
 from pydantic_ai.messages import ModelMessage, ModelRequest, ModelResponse, TextPart
 
 from evaluator.agents.models.agent import ModelAgent
-from evaluator.agents.models.choice import parse_model
-from evaluator.agents.models.lanes import Lane, Lanes, Patience
+from evaluator.agents.models.choice import Lane, Lanes, Patience, parse_model
 from evaluator.agents.models.requests import PermanentFailure, Requests
 from evaluator.errors import AgentError, InfrastructureError
 from tests.builders.providers import Service
