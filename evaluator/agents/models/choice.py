@@ -1,7 +1,4 @@
-"""Parses `model:…` into a model, its address and its options; lists the known providers and models; limits requests.
-
-Imports no provider client, which keeps the command line fast.
-"""
+"""Parses `model:…` into a model, its address and options; lists models; limits requests. Imports no client library."""
 
 import math
 import os
