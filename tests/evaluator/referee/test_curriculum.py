@@ -110,14 +110,14 @@ def test_scenes_are_divided_by_difficulty_and_worlds_by_level() -> None:
     assert levels == {1}
     folder = default_folder()
     published = [len(worlds_of(folder, level)) for level in levels_of(folder)]
-    assert [len(step) for step in variants.curricula.state("mine")["steps"]] == published
+    assert [len(step) for step in offered.curricula.state("mine")["steps"]] == published
 
 
 def drawing() -> Callable[..., Variant]:
-    variants = Variants(KeyRing(), RECORD, DIFFICULTIES)
+    offered = Variants(KeyRing(), RECORD, DIFFICULTIES)
 
     def draw(name: str, number: int, **wanted: Any) -> Variant:
-        variant = variants.select(WantedEpisode(split="train", random_seed=number, **wanted), name)
+        variant = offered.select(WantedEpisode(split="train", random_seed=number, **wanted), name)
         assert variant.index is not None
         assert TRAIN.scenes[variant.index % len(TRAIN.scenes)] == variant.scene
         assert TRAIN.seeds[variant.index // len(TRAIN.scenes)] == variant.seed
