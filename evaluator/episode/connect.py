@@ -10,6 +10,7 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import AsyncGenerator, Sequence
+from contextlib import AbstractAsyncContextManager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import IO, Protocol, Self
@@ -135,7 +136,7 @@ class EpisodeConnector(Protocol):
         """Cached tools of the server; None if each session has its own server."""
         ...
 
-    def open(self, scene: int, seed: int) -> contextlib.AbstractAsyncContextManager[Client]:
+    def open(self, scene: int, seed: int) -> AbstractAsyncContextManager[Client]:
         """Return a connected client of a new episode; closing it ends the episode.
 
         Raises:

@@ -1,5 +1,7 @@
 """Tests that the true laws used by the grader predict the same motion as the engine."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -73,7 +75,7 @@ def test_the_engine_moves_bodies_by_the_law_that_grades_compare_with(scene: int)
     course = courses_of(true, far=False)[2]
     turns = any(axis == "angle" for _, axis, _ in true.model.coordinates)  # `put` cannot set an angle
     if turns:
-        course = course._replace(places=[0.0], speeds=[0.0])
+        course = replace(course, places=[0.0], speeds=[0.0])
     looks = true.motion.followed(course)
     assert looks is not None
     engine, seen = Engine(model_without_walls(scene, 3)), list[list[float]]()
