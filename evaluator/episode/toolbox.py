@@ -100,10 +100,11 @@ class Toolbox:
 
 @dataclass(slots=True)
 class Toolboxes:
-    """Requests the tools of one server, and caches them for the clients of each scene as long as the server allows.
+    """Requests the list of tools of one server, and caches it for the clients of each scene as long as the server allows.
 
-    Each server needs its own instance, because two servers may publish different tools. So may two scenes of a server:
-    some ask for a law with the answer. Scenes with equal tools share one toolbox.
+    Each server needs its own instance, because two servers may publish different tools. Two scenes of one server may
+    also have different tools: in some scenes, `answer` has a parameter for a law. Scenes with equal tools share one
+    toolbox.
     """
 
     clock: Callable[[], float] = time.monotonic

@@ -53,7 +53,7 @@ class ExpectedForm:
     """The question whose answer has this form; empty if unknown."""
 
     def was_asked(self, prompt: str) -> bool:
-        """Whether a prompt asks this question. A published log may ask an older one with another form of answer."""
+        """Return whether a prompt contains `task`. The prompt in a published log may ask an older question instead."""
         return _words(self.task) in _words(prompt)
 
 

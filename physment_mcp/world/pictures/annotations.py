@@ -33,7 +33,7 @@ _EDGE = 22
 _AXIS = 58
 """Length of an axis that is perpendicular to the line of sight [px]."""
 _BAR = (110, 260)
-"""Smallest and largest length of the scale bar [px]; it shows the longest round length that fits."""
+"""Smallest and largest length of the scale bar [px]; its length is the largest round number that fits."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -213,7 +213,7 @@ def _axes(overlay: Overlay, optics: Optics) -> Box:
 
 
 def _scale(overlay: Overlay, optics: Optics) -> Box:
-    """Draw a bar of a round length in the lower right corner."""
+    """Draw a scale bar in the lower right corner; its length is a round number, such as 0.1 m."""
     metres = round_length(_BAR[1] / optics.pixels_per_metre)
     length = metres * optics.pixels_per_metre
     right, y = optics.width - _EDGE - 8, optics.height - _EDGE - 8

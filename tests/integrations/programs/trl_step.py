@@ -211,7 +211,7 @@ def main(server: str, backend: str, generations: str, budget: str, *variants: st
 
 
 def probe(environment: Any, variant: dict[str, Any]) -> str:
-    """Return a prompt from which the tokenizer is made."""
+    """Return a prompt; the vocabulary of the small tokenizer consists of its words."""
     opened = environment()
     text = opened.reset(**variant)
     opened._leave()

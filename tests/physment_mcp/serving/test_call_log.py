@@ -1,4 +1,4 @@
-"""Tests of the host's call log of an external program's episode: complete, limited, readable by its owner only."""
+"""Tests of the file to which a host logs the calls of an external program: all calls, limited size, private mode."""
 
 import contextlib
 import json
