@@ -100,7 +100,7 @@ class Toolbox:
 
 @dataclass(slots=True)
 class Toolboxes:
-    """Requests the list of tools of one server, and caches it for the clients of each scene as long as the server allows.
+    """Requests the list of tools of one server, and caches it for the clients of each scene while the server allows.
 
     Each server needs its own instance, because two servers may publish different tools. Two scenes of one server may
     also have different tools: in some scenes, `answer` has a parameter for a law. Scenes with equal tools share one
