@@ -19,15 +19,9 @@ from tests.builders.paths import ROOT
 
 STAMPS = {
     "physment_mcp/serving/episode_server.py": {"_create"},
-    "evaluator/agents/external/agent.py": {"play"},
-    "evaluator/episode/loop.py": {"play_episode"},
-    "evaluator/referee/episodes.py": {"_open_one"},
-    "evaluator/study/runner.py": {"unplayed", "write"},
-    "evaluator/study/run_start.py": {"run_record"},
+    "evaluator/study/runner.py": {"write"},
     "evaluator/watch/app.py": {"_look"},
-    "evaluator/commands/playing.py": {"create_folder"},
-    "evaluator/commands/play.py": {"_play"},
-    "evaluator/commands/challenge_people.py": {"agreed"},
+    "evaluator/commands/base.py": {"usual_folder"},
     "evaluator/commands/challenge_session.py": {"_start_clock"},
 }
 """Module → functions that may read the wall clock.
