@@ -19,6 +19,7 @@ from tests.builders.paths import ROOT
 
 STAMPS = {
     "physment_mcp/serving/episode_server.py": {"_create"},
+    "evaluator/records/episode.py": {"timestamp"},
     "evaluator/study/runner.py": {"write"},
     "evaluator/watch/app.py": {"_look"},
     "evaluator/commands/base.py": {"usual_folder"},
