@@ -155,7 +155,7 @@ class Constants:
         return list(np.abs(actual - linear) / tolerance / bounds)
 
     def are_known(self, fisher: Array) -> bool:
-        """Return whether the answer is precise enough, and its choices certain enough, for the evidence to suffice."""
+        """Return whether numbers are known to within `SUFFICIENT` tolerances and choices with probability `CERTAIN`."""
         if max(self.bounds(fisher), default=0.0) > SUFFICIENT:
             return False
         chance = self.choice_probability(fisher)

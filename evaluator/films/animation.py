@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from evaluator.certify.moving_pictures import Moment, Shown, ShownBody, ShownPart, ShownReading, SketchedPart, label_of
-from evaluator.films.filming import Motion, decoded
+from evaluator.films.motion import Motion, decoded
 from evaluator.records.episode import Episode
 from evaluator.report.call_rows import CallRow, calls_of
 from evaluator.report.film_record import Drawing, Film, PlaceRead

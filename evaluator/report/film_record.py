@@ -102,7 +102,7 @@ class PlaceRead(Record):
 
 
 class Film(Record):
-    """The poses of visible bodies over an episode. `evaluator.films.filming.reel` encodes `data`."""
+    """The poses of visible bodies over an episode. `evaluator.films.motion.reel` encodes `data`."""
 
     format: Literal[1] = 1
     episode: Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]

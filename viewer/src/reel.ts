@@ -1,6 +1,6 @@
 /**
  * A film as `physment-eval film` writes it, and what it shows at each of its instants. Knows no page.
- * `evaluator/films/filming.py` writes the numbers: second differences, zigzag, base 128; a 0 is followed by how many more.
+ * `evaluator/films/motion.py` writes the numbers: second differences, zigzag, base 128; a 0 is followed by how many more.
  */
 
 import type { Drawing, Pose, Poses, Readings, Triple } from "./drawing.js";

@@ -10,8 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from evaluator.commands.program import main
-from evaluator.films import filming
-from evaluator.films.filming import Instant, reel
+from evaluator.films import motion
+from evaluator.films.motion import Instant, reel
 from evaluator.records.episode import Episode
 from evaluator.report.attachments import FILMS
 from evaluator.report.film_record import Film
@@ -60,7 +60,7 @@ def test_every_reading_of_the_agent_is_where_the_film_shows_the_object(run: RunF
 def test_motion_is_decoded_as_in_the_browser_and_damage_is_refused(run: RunFolder) -> None:
     film = Film.model_validate(read_film(run, FALL_KEY))
     times, poses = decoded(read_film(run, FALL_KEY))
-    found = filming.decoded(film)
+    found = motion.decoded(film)
     assert found.times.tolist() == pytest.approx(times)
     assert found.poses.keys() == poses.keys()
     assert all(one.tolist() == [pytest.approx(pose) for pose in poses[name]] for name, one in found.poses.items())
@@ -70,9 +70,9 @@ def test_motion_is_decoded_as_in_the_browser_and_damage_is_refused(run: RunFolde
     )
     short = film.model_copy(update={"data": film.data[: len(film.data) // 8 * 4]})
     with pytest.raises(ValueError, match="ends too early"):
-        filming.decoded(short)
+        motion.decoded(short)
     with pytest.raises(ValueError, match="too many numbers"):
-        filming.decoded(
+        motion.decoded(
             film.model_copy(update={"data": base64.b64encode(base64.b64decode(film.data) + b"\x02").decode()})
         )
 
@@ -98,7 +98,7 @@ def test_a_motion_of_monstrous_numbers_is_refused(run: RunFolder, change: dict[s
     numbers = change["data"] * 8
     change = {**change, "data": base64.b64encode(numbers).decode()}
     with pytest.raises(ValueError, match=sentence):
-        filming.decoded(film.model_copy(update=change))
+        motion.decoded(film.model_copy(update=change))
 
 
 def test_a_film_says_when_things_come_and_go(run: RunFolder) -> None:

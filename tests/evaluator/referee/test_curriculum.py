@@ -12,9 +12,10 @@ import pytest
 
 from evaluator.answers.keys import KeyRing
 from evaluator.errors import RefusedRequest
-from evaluator.referee import variants
+from evaluator.referee import curriculum
 from evaluator.referee.contract import Variant, WantedEpisode, WantedWorld
-from evaluator.referee.variants import ENOUGH, WIDTH, Curricula, Variants, Window, steps_of
+from evaluator.referee.curriculum import ENOUGH, WIDTH, Curricula, Window, steps_of
+from evaluator.referee.variants import Variants
 from scenes import default_folder, place_of
 from scenes.splits import splits
 from scenes.worlds.folders import levels_of, worlds_of
@@ -97,7 +98,7 @@ def test_rewards_of_other_steps_and_of_before_a_move_count_for_nothing() -> None
 def test_scenes_are_divided_by_difficulty_and_worlds_by_level() -> None:
     known = {scene: value for scene, value in DIFFICULTIES.items() if scene != TRAIN.scenes[0]}
     steps = steps_of(TRAIN, known)
-    assert len(steps) <= variants.STEPS
+    assert len(steps) <= curriculum.STEPS
     assert [scene for step in steps for scene in step] == list(TRAIN.scenes[1:])
     with pytest.raises(RefusedRequest, match="no scene of train@1 has a known difficulty"):
         steps_of(TRAIN, {})
@@ -137,7 +138,7 @@ def test_a_draw_repeats_itself_and_covers_the_window() -> None:
 
 
 def test_curricula_are_apart_bounded_and_keep_to_their_scenes(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(variants, "MOST", 2)
+    monkeypatch.setattr(curriculum, "MOST", 2)
     curricula, steps = Curricula(), ((7,), (9,))
     drawn, _ = [curricula.draw(name, TRAIN, steps, 1) for name in ("a", "b")]
     for _ in range(ENOUGH):
@@ -201,7 +202,7 @@ def test_curricula_with_equal_steps_share_them() -> None:
 async def test_a_referee_moves_the_window_by_its_rewards_and_resets_it(
     host_url: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(variants, "ENOUGH", 2)
+    monkeypatch.setattr(curriculum, "ENOUGH", 2)
     difficulties = {7: (-2.0, 0.1), 23: (1.0, 0.1)}
     async with refereeing(host_url, difficulties=difficulties) as trainer:
         asked = {"curriculum": "run-1", "split": "train", "random_seed": 4, "count": 3}

@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from evaluator.films.filming import Motion, decoded
+from evaluator.films.motion import Motion, decoded
 from tests.harness.front_page.episode import Played, Story, signed, story
 
 FRAME_S = 0.075
