@@ -6,9 +6,8 @@ from dataclasses import dataclass
 from typing import cast
 
 import numpy as np
-from numpy.typing import NDArray
 
-from evaluator.certify.probing import NotMeasurable
+from evaluator.certify.probing import Array, NotMeasurable
 from evaluator.certify.subject import Draw, Subject
 from evaluator.records.evidence import CERTAIN, SUFFICIENT
 from physment_mcp.errors import SceneError
@@ -16,8 +15,6 @@ from scenes import KnobValue, Scalar, drawn_mjcf
 from scenes.draw import evaluate
 from scenes.pack import Knob
 from scenes.protocol import AnswerValue
-
-Array = NDArray[np.float64]
 
 _STEP = 1e-3
 """Step of the numerical gradient of the answer, as a share of the constant's range."""

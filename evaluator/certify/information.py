@@ -15,14 +15,11 @@ from operator import attrgetter
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from evaluator.certify.constants import Constants
-from evaluator.certify.probing import Array, NotMeasurable, Read, Replay, joined, numbers, replayed
+from evaluator.certify.probing import Array, Flags, NotMeasurable, Read, Replay, joined, numbers, replayed
 from evaluator.records.episode import Episode
 from scenes import KnobValue
-
-Flags = NDArray[np.bool_]
 
 PRIOR = 12.0
 """Inverse variance of a constant with a uniform distribution, in units of its range."""

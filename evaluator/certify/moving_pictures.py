@@ -1,4 +1,4 @@
-"""Re-exports the code that draws animated images of episodes, for the processes that `renderer` starts."""
+"""Re-exports the code that draws animated images of episodes, for the processes that `processes.renderers` starts."""
 
 from physment_mcp.world.pictures.annotations import label_of
 from physment_mcp.world.pictures.moving_plates import Moment, Shown, ShownReading, moving_plate

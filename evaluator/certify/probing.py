@@ -23,6 +23,7 @@ from physment_mcp.world.readout import Quantity, Readout
 from scenes import PackFiles
 
 Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
 Source = tuple[Quantity, str, int]
 """Source of an instrument error: the quantity, the identifier of the measured object, the number of the time step."""
 Error = tuple[Source, int]

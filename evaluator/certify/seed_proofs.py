@@ -17,7 +17,7 @@ from pathlib import Path
 import anyio
 from pydantic import Field, ValidationError
 
-from evaluator.certify.parallel import in_processes
+from evaluator.certify.processes import in_processes
 from evaluator.certify.records import Check, check, still_proven
 from evaluator.errors import StoreError
 from evaluator.records.episode import Record, is_absent

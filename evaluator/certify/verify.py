@@ -17,7 +17,7 @@ from evaluator.certify.difficulty import check_difficulty
 from evaluator.certify.holds import check_holds
 from evaluator.certify.keys import check_constant, check_instrument, check_key
 from evaluator.certify.lint import lint
-from evaluator.certify.parallel import in_processes
+from evaluator.certify.processes import in_processes
 from evaluator.certify.records import CERTIFICATES, Check, SceneCertificate, certificates_of, check
 from evaluator.certify.subject import Subject
 from evaluator.certify.twins import check_modality, check_twins

@@ -13,7 +13,7 @@ import numpy as np
 from scipy.optimize import root_scalar
 
 from evaluator.answers.engine import Engine
-from evaluator.certify.parallel import in_processes
+from evaluator.certify.processes import in_processes
 from scenes import WorldError
 from scenes.worlds.acceptance import IDENTIFIABLE, Maker, bounds_of
 from scenes.worlds.answering import answers

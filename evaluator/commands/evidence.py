@@ -10,7 +10,7 @@ from pathlib import Path
 from rich.console import Console
 
 from evaluator.certify.evidence import measured
-from evaluator.certify.parallel import in_processes
+from evaluator.certify.processes import in_processes
 from evaluator.certify.subject import Subject
 from evaluator.commands.base import Commands, count_of, progress_bar, run_async, seed_key, wide_console
 from evaluator.commands.terminal import evidence_table, printable

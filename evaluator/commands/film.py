@@ -12,8 +12,7 @@ from typing import NamedTuple
 
 from mcp import Client
 
-from evaluator.certify.parallel import in_processes
-from evaluator.certify.renderer import NoRenderer, renderers
+from evaluator.certify.processes import NoRenderer, in_processes, renderers
 from evaluator.certify.viewed_episode import viewed_episode, viewing
 from evaluator.commands.base import Commands, count_of, progress_bar, run_async, seed_key
 from evaluator.errors import UsageError

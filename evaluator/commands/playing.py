@@ -6,9 +6,7 @@ import os
 import sys
 from collections.abc import AsyncGenerator, Generator, Mapping
 from dataclasses import dataclass, replace
-from importlib import import_module
-from importlib.metadata import version
-from importlib.util import find_spec
+from importlib import import_module, metadata, util
 
 from opentelemetry.trace import set_tracer_provider
 from rich.console import Console
@@ -207,7 +205,7 @@ def require_otel() -> None:
     """
     names = ("opentelemetry.sdk", "opentelemetry.exporter.otlp.proto.http")
     try:
-        found = all(find_spec(name) is not None for name in names)
+        found = all(util.find_spec(name) is not None for name in names)
     except ModuleNotFoundError:
         found = False
     if not found:
@@ -226,7 +224,7 @@ def exporting_spans() -> Generator[None]:
     sdk, export = import_module("opentelemetry.sdk.trace"), import_module("opentelemetry.sdk.trace.export")
     resource = import_module("opentelemetry.sdk.resources").Resource
     exporter = import_module("opentelemetry.exporter.otlp.proto.http.trace_exporter").OTLPSpanExporter
-    described = resource.create({"service.name": "physment-eval", "service.version": version("physment-mcp")})
+    described = resource.create({"service.name": "physment-eval", "service.version": metadata.version("physment-mcp")})
     provider = sdk.TracerProvider(resource=described)
     provider.add_span_processor(export.BatchSpanProcessor(exporter()))
     set_tracer_provider(provider)

@@ -11,9 +11,7 @@ import signal
 import sys
 import tomllib
 from collections.abc import Callable, Collection, Mapping, Sequence
-from importlib import import_module
-from importlib.metadata import version
-from importlib.util import find_spec
+from importlib import import_module, metadata, util
 from pathlib import Path
 from types import FrameType
 from typing import TYPE_CHECKING, Any
@@ -33,7 +31,7 @@ def make_room() -> None:
     # With the default thresholds, searching these objects for cycles took a third of the processor time of 500
     # episodes.
     gc.set_threshold(10_000, 20, 20)
-    if find_spec("resource") is None:
+    if util.find_spec("resource") is None:
         return  # Windows has no limit of open files to raise
     import resource  # noqa: PLC0415
 
@@ -219,7 +217,7 @@ def parser(command: str) -> tuple[argparse.ArgumentParser, Mapping[str, argparse
         UsageError: The command belongs to a plugin that is not installed.
     """
     program = Parser("physment-eval", description=DESCRIPTION, formatter_class=argparse.RawDescriptionHelpFormatter)
-    program.add_argument("--version", action="version", version=f"physment-eval {version('physment-mcp')}")
+    program.add_argument("--version", action="version", version=f"physment-eval {metadata.version('physment-mcp')}")
     commands = program.add_subparsers(dest="command", metavar="COMMAND", required=True)
     if command in COMMANDS:
         _declare(command, COMMANDS[command][0], commands)

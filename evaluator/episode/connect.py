@@ -10,15 +10,13 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import AsyncGenerator, Sequence
-from contextlib import AbstractAsyncContextManager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import IO, Protocol, Self
 
 import httpx2
-from mcp import Client, StdioServerParameters
-from mcp.client.extension import ClientExtension
-from mcp.client.stdio import stdio_client
+from mcp import Client, StdioServerParameters, stdio_client
+from mcp.client import ClientExtension
 
 from evaluator.episode.connections import AVAILABLE, ControlSocket, own_error, passed, server_failure, without_seed
 from evaluator.episode.hosts import CALL_TIMEOUT_S, TEXT, TOKEN_VARIABLE, HostConnector, LocalHost, client_of
@@ -136,7 +134,7 @@ class EpisodeConnector(Protocol):
         """Cached tools of the server; None if each session has its own server."""
         ...
 
-    def open(self, scene: int, seed: int) -> AbstractAsyncContextManager[Client]:
+    def open(self, scene: int, seed: int) -> contextlib.AbstractAsyncContextManager[Client]:
         """Return a connected client of a new episode; closing it ends the episode.
 
         Raises:

@@ -14,9 +14,8 @@ from typing import IO, cast
 
 import anyio
 import httpx2
-from mcp import Client
+from mcp.client import Client, ClientExtension
 from mcp.client._transport import TransportStreams
-from mcp.client.extension import ClientExtension
 
 from evaluator.errors import EvaluatorError, InfrastructureError
 from physment_mcp.contract.line_stream import LineStream

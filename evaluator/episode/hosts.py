@@ -20,9 +20,8 @@ from typing import IO, Any, cast
 
 import anyio
 import httpx2
-from mcp import Client
+from mcp.client import Client, ClientExtension
 from mcp.client._transport import Transport
-from mcp.client.extension import ClientExtension
 from mcp.client.streamable_http import streamable_http_client
 
 from evaluator.episode.connections import (

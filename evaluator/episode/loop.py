@@ -13,8 +13,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any, Protocol
 
 import mcp_types as types
-from mcp import Client
-from mcp.shared.exceptions import MCPError
+from mcp import Client, MCPError
 from pydantic import JsonValue
 
 from evaluator.episode.connect import EpisodeConnector

@@ -14,9 +14,8 @@ import anyio
 import mcp_types as types
 from jsonschema import Draft202012Validator, ValidationError
 from jsonschema.exceptions import best_match  # pyright: ignore[reportUnknownVariableType] - partly typed
-from mcp import Client
-from mcp.client.extension import ClientExtension, advertise
-from mcp.shared.exceptions import MCPError
+from mcp import Client, MCPError
+from mcp.client import ClientExtension, advertise
 from pydantic import JsonValue
 from referencing import Registry
 

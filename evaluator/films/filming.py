@@ -6,8 +6,7 @@ from contextlib import AbstractAsyncContextManager
 from typing import Any
 
 import mcp_types as types
-from mcp import Client
-from mcp.shared.exceptions import MCPError
+from mcp import Client, MCPError
 from pydantic import ValidationError
 
 from evaluator.agents.recorded import exact_difference, play_again

@@ -9,7 +9,7 @@ from urllib.parse import quote
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
-from evaluator.certify.renderer import renderers
+from evaluator.certify.processes import renderers
 from evaluator.errors import UsageError
 from evaluator.pages.scene_table import page_name
 from evaluator.report.notebook import pictures_folder, thumbnails

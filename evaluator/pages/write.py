@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Any, cast
 
 from evaluator.certify.difficulty import ReferenceTurn, Transcript, play
+from evaluator.certify.processes import NoRenderer
 from evaluator.certify.records import read_certificates
-from evaluator.certify.renderer import NoRenderer
 from evaluator.errors import UsageError
 from evaluator.pages.pictures import Picture, draw_pictures
 from evaluator.pages.scene_table import PICTURES, SCENES_PAGE, SMALL, Listing, Steps, page_name, scene_page, scenes_page

@@ -10,10 +10,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from evaluator.errors import StoreError, UsageError
-from evaluator.report import tables
 from evaluator.report.agent_results import AgentResults
 from evaluator.report.attachments import own_folder
-from evaluator.report.tables import Share, Table
+from evaluator.report.tables import Share, Table, accuracies, by_category, group_picks
 from evaluator.scores.dimensions import WEIGHTS
 from evaluator.scores.failures.findings import FailureMode
 
@@ -69,7 +68,7 @@ def _figures(results: Sequence[AgentResults]) -> Iterator[tuple[str, "Figure"]]:
     if not results:
         return
     yield "budget", _budget(results)
-    yield "categories", _matrix(tables.by_category(results))
+    yield "categories", _matrix(by_category(results))
     yield "dimensions", _bars(results, ["C", "E", "G", "V", "R", "G′"], _dimensions, "mean, 0 to 1")
     modes = [mode.value.replace("_", " ") for mode in FailureMode]
     yield "failure_modes", _bars(results, modes, _failures, "share of scored episodes")
@@ -93,13 +92,13 @@ def _panels(columns: int, width: float, height: float) -> tuple["Figure", list["
 
 def _budget(results: Sequence[AgentResults]) -> "Figure":
     """Accuracy against budget with 95 % intervals, one panel for each group of categories."""
-    picks = tables.group_picks(results)
+    picks = group_picks(results)
     figure, panels = _panels(len(picks), 2.6, 2.8)
     budgets = sorted({row.key.budget for result in results for row in result.suite})
     apart = 0.012 * (max(budgets, default=0) - min(budgets, default=0))  # so that intervals do not cover each other
     for axes, (name, wanted) in zip(panels, picks, strict=True):
         for index, result in enumerate(results):
-            cells = tables.accuracies(result.suite, lambda row: row.key.budget, wanted)
+            cells = accuracies(result.suite, lambda row: row.key.budget, wanted)
             shares = [cell.share for cell in cells.values()]
             ends = [(cell.interval.low, cell.interval.high) for cell in cells.values()]
             axes.errorbar(

@@ -19,7 +19,6 @@ from evaluator.records.episode import Episode, EpisodeKey, Frame, GradeRecord, R
 from evaluator.records.evidence import EvidenceRecord
 from evaluator.records.run import RunRecord
 from evaluator.store import durable
-from evaluator.store.durable import Seal
 from evaluator.store.redaction import Redaction
 
 R = TypeVar("R", bound=Record)
@@ -179,7 +178,7 @@ class RunFolder:
             durable.replace(self.episodes_file, b"".join(line + b"\n" for line in kept))
         return len(stored) - len(kept)
 
-    def read_seal(self) -> Seal | None:
+    def read_seal(self) -> durable.Seal | None:
         """The seal of the episodes; None if there is none.
 
         Raises:
@@ -188,11 +187,11 @@ class RunFolder:
         if not self.seal_file.exists():
             return None
         try:
-            return Seal.model_validate_json(self.seal_file.read_bytes())
+            return durable.Seal.model_validate_json(self.seal_file.read_bytes())
         except (OSError, ValidationError) as error:
             raise StoreError(f"{self.seal_file} is no seal of a run: {reason_of(error)}") from error
 
-    def write_seal(self, seal: Seal) -> None:
+    def write_seal(self, seal: durable.Seal) -> None:
         """Write the seal of the episodes."""
         durable.replace(self.seal_file, seal.model_dump_json(indent=2) + "\n")
 

@@ -6,10 +6,9 @@ from pathlib import Path
 from typing import Any
 
 import anyio
-from mcp import Client
+from mcp import Client, MCPError
 from mcp.client.extension import advertise
 from mcp.server import Server
-from mcp.shared.exceptions import MCPError
 from starlette.applications import Starlette
 from starlette.middleware import Middleware
 from starlette.requests import Request

@@ -10,10 +10,10 @@ from contextlib import nullcontext
 from typing import Any
 
 import mcp_types as types
+from mcp import MCPError
 from mcp.server import ServerRequestContext
 from mcp.server.caching import CacheHint
 from mcp.server.lowlevel import Server
-from mcp.shared.exceptions import MCPError
 from pydantic_core import to_json
 
 from physment_mcp.contract.names import GONE, VIEW, VIEW_URI

@@ -29,10 +29,10 @@ import anyio
 import numpy as np
 from mcp import Client
 
-from evaluator.certify.constants import Array, Constants
+from evaluator.certify.constants import Constants
 from evaluator.certify.information import Information, information
-from evaluator.certify.parallel import in_processes
-from evaluator.certify.probing import NotMeasurable, numbers
+from evaluator.certify.probing import Array, NotMeasurable, numbers
+from evaluator.certify.processes import in_processes
 from evaluator.certify.subject import Draw, Subject
 from evaluator.certify.verify import play_reference
 from evaluator.episode.toolbox import Toolboxes

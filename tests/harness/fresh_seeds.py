@@ -21,7 +21,7 @@ from typing import TypedDict
 
 import anyio
 
-from evaluator.certify.parallel import in_processes
+from evaluator.certify.processes import in_processes
 from evaluator.certify.subject import Subject
 from evaluator.certify.verify import MemoryConnector, play_reference
 from evaluator.store.durable import append_line

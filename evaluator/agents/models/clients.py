@@ -12,12 +12,9 @@ from warnings import catch_warnings, simplefilter
 
 import anyio
 import httpx2
+from pydantic_ai import AgentRunError, ModelRequest, ModelSettings, ToolDefinition
 from pydantic_ai.direct import model_request
-from pydantic_ai.exceptions import AgentRunError
-from pydantic_ai.messages import ModelRequest
 from pydantic_ai.models import Model, ModelRequestParameters
-from pydantic_ai.settings import ModelSettings
-from pydantic_ai.tools import ToolDefinition
 
 from evaluator.agents.models.choice import Dialect, ModelChoice
 from evaluator.episode.player import ToolDescription

@@ -12,13 +12,11 @@ from email.utils import parsedate_to_datetime
 from typing import cast
 
 import anyio
+from pydantic_ai import InstrumentationSettings, ModelHTTPError, ModelMessage, ModelResponse, ModelSettings
 from pydantic_ai import exceptions as ai
 from pydantic_ai.direct import model_request
-from pydantic_ai.exceptions import ModelHTTPError
-from pydantic_ai.messages import ModelMessage, ModelResponse
 from pydantic_ai.models import Model
-from pydantic_ai.models.instrumented import InstrumentationSettings
-from pydantic_ai.settings import ModelSettings, merge_model_settings
+from pydantic_ai.settings import merge_model_settings
 
 from evaluator.agents.models.choice import Lane, Patience
 from evaluator.agents.models.clients import NOTHING, Offer

@@ -6,9 +6,8 @@ from dataclasses import dataclass, field
 
 import mcp_types as types
 import pytest
-from mcp import Client
+from mcp import Client, MCPError
 from mcp.server.lowlevel import Server
-from mcp.shared.exceptions import MCPError
 
 from evaluator.agents.reference import ScriptedAgent
 from evaluator.episode.loop import opening_prompt, play_episode

@@ -7,7 +7,7 @@ import pytest
 from PIL import Image
 
 from evaluator.certify.moving_pictures import Moment, Shown
-from evaluator.certify.renderer import NoRenderer, renderers
+from evaluator.certify.processes import NoRenderer, renderers
 from evaluator.commands.film import WEBP
 from evaluator.commands.program import main
 from evaluator.films.animation import MOST_FRAMES, animation_of

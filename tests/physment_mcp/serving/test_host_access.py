@@ -8,9 +8,8 @@ from typing import Any
 import anyio
 import httpx
 import pytest
-from mcp import Client
+from mcp import Client, MCPError
 from mcp.client.streamable_http import streamable_http_client
-from mcp.shared.exceptions import MCPError
 
 from physment_mcp.commands.program import main
 from physment_mcp.contract.addresses import is_loopback

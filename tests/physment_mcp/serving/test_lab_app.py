@@ -6,9 +6,8 @@ from collections.abc import Callable
 from typing import Any
 
 import pytest
-from mcp import Client
+from mcp import Client, MCPError
 from mcp.client.extension import advertise
-from mcp.shared.exceptions import MCPError
 
 from physment_mcp.contract.names import APP_TYPE, APPS, VIEW, VIEW_URI
 from physment_mcp.scene import load_scene

@@ -7,8 +7,7 @@ from typing import Any
 
 import anyio
 import pytest
-from mcp import Client
-from mcp.shared.exceptions import MCPError
+from mcp import Client, MCPError
 from mcp_types import PromptReference
 
 from physment_mcp.scene import list_scenes, load_scene

@@ -9,8 +9,7 @@ from typing import Any
 import anyio
 import mujoco
 import pytest
-from mcp import Client, StdioServerParameters
-from mcp.shared.exceptions import MCPError
+from mcp import Client, MCPError, StdioServerParameters
 from mcp_types import PromptReference
 
 from physment_mcp import __version__

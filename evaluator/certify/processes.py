@@ -1,4 +1,4 @@
-"""Processes that render off-screen.
+"""Worker processes: for jobs that run in parallel, and for functions that render off-screen.
 
 A missing or broken graphics library may crash the process that loads it, and MuJoCo selects the library only once, when
 it is imported. Therefore this process never renders.
@@ -8,14 +8,43 @@ import contextlib
 import multiprocessing
 import os
 import sys
-from collections.abc import Generator
+from collections.abc import Callable, Generator, Iterable
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
+from typing import TypeVar
+
+import anyio.to_process
+
+J = TypeVar("J")
+R = TypeVar("R")
 
 RENDERER = "MUJOCO_GL"
 """Environment variable with which MuJoCo selects its graphics library."""
 _OFF_SCREEN = ("osmesa", "egl")
 """Libraries that render off-screen. `osmesa` needs no graphics card and renders equally on every machine."""
+
+
+async def in_processes(
+    jobs: Iterable[J], work: Callable[[J], Callable[[], R]], workers: int, on_done: Callable[[J, R], None]
+) -> None:
+    """Run a function for each job.
+
+    Args:
+        jobs: The jobs.
+        work: Function that returns, for a job, the function to run in a worker process. The latter must be picklable.
+        workers: Number of processes.
+        on_done: Called in this process with each job and its result, in order of completion.
+    """
+    # Inherited by the processes. The matrices are small, so a second OpenBLAS thread would only busy-wait.
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    limiter = anyio.CapacityLimiter(workers)
+
+    async def one(job: J) -> None:
+        on_done(job, await anyio.to_process.run_sync(work(job), cancellable=True, limiter=limiter))
+
+    async with anyio.create_task_group() as tasks:
+        for job in jobs:
+            tasks.start_soon(one, job)
 
 
 class NoRenderer(Exception):
