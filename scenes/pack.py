@@ -80,6 +80,21 @@ class SceneObject(_PackModel):
     """Number of the object; its body in the MJCF is `object_{number}`."""
 
 
+_ATTRIBUTES = {
+    "geom_type": "shape",
+    "geom_size": "size",
+    "geom_radius": "radius",
+    "geom_density": "density",
+    "body_mass": "mass",
+    "body_pos": "position",
+    "body_quat": "orientation",
+    "angle": "angle",
+    "velocity": "velocity",
+    "spin": "spin",
+}
+"""Permission → name of the attribute that it allows to read."""
+
+
 class Permissions(_PackModel):
     """The attributes of an object that the agent may read or change. An omitted static attribute is withheld."""
 
@@ -108,6 +123,11 @@ class Permissions(_PackModel):
     spin: bool | None = None
     """Whether the velocity of an object on a hinge includes its joint speed. If false, rotational energy and angular
     momentum, for which `velocity` otherwise decides, are withheld too."""
+
+    @property
+    def readable(self) -> tuple[str, ...]:
+        """Names of the attributes that the agent may read, in words."""
+        return tuple(word for field, word in _ATTRIBUTES.items() if getattr(self, field) is True)
 
 
 class Knob(_PackModel):

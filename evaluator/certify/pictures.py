@@ -18,17 +18,8 @@ from physment_mcp.world.pictures.plates import GROUND, HEIGHT, SKY, WIDTH, plate
 from physment_mcp.world.pictures.showing import ShownBody, picture_model
 from scenes import PackFiles, Permissions, PublicPack
 
-_READ = {
-    "geom_type": "shape",
-    "geom_size": "size",
-    "geom_radius": "radius",
-    "geom_density": "density",
-    "body_mass": "mass",
-    "body_pos": "position",
-    "body_quat": "orientation",
-    "velocity": "velocity",
-}
-"""Permission → name of the attribute that it allows to read."""
+_COMMON = ("shape", "size", "radius", "density", "mass", "position", "orientation", "velocity")
+"""Attributes that every object has."""
 _EDGE, _GAP, _TITLE = 40, 28, 104
 _COLUMNS = 3
 _LARGEST = (560.0, 300.0)
@@ -74,10 +65,13 @@ def _backdrop() -> Pixels:
 
 def _card(overlay: Overlay, may: Permissions, width: float) -> list[str]:
     """Return the label of an object, wrapped to a width."""
-    read = [word for field, word in _READ.items() if getattr(may, field)]
-    withheld = [word for field, word in _READ.items() if not getattr(may, field)]
+    withheld = [word for word in _COMMON if word not in may.readable]
     sealed = "not sealed" if may.actuate else "sealed: it cannot be pushed or moved"
-    texts = (f"may be read: {', '.join(read) or 'nothing'}", f"withheld: {', '.join(withheld) or 'nothing'}", sealed)
+    texts = (
+        f"may be read: {', '.join(may.readable) or 'nothing'}",
+        f"withheld: {', '.join(withheld) or 'nothing'}",
+        sealed,
+    )
     return ["", *(line for text in texts for line in _wrapped(overlay, text, width))]
 
 

@@ -12,7 +12,7 @@ from typing import Self
 
 from evaluator.certify.records import SceneCertificate
 from evaluator.report.export import escaped, markdown_table
-from scenes import AnswerKind, AnswerSpec, Category, LabLimits, Pack, PackFiles, Permissions, PublicPack
+from scenes import AnswerKind, AnswerSpec, Category, LabLimits, Pack, PackFiles, PublicPack
 
 
 @dataclass(frozen=True, slots=True)
@@ -196,21 +196,6 @@ def _kinds(names: Mapping[int, str]) -> str:
     return f"{_KINDS_HEAD}\n{markdown_table(('kind', 'scenes'), rows)}" if rows else ""
 
 
-_READ = {
-    "geom_type": "shape",
-    "geom_size": "size",
-    "geom_radius": "radius",
-    "geom_density": "density",
-    "body_mass": "mass",
-    "body_pos": "position",
-    "body_quat": "orientation",
-    "angle": "angle",
-    "velocity": "velocity",
-    "spin": "spin",
-}
-"""Permission → name of the attribute that it allows to read."""
-
-
 def scene_page(
     listing: Listing,
     public: PublicPack,
@@ -260,16 +245,12 @@ def _objects(public: PublicPack) -> list[tuple[str, ...]]:
         (
             escaped(item.object_id),
             escaped(item.name),
-            ", ".join(_readable(item.permissions)) or "nothing",
+            ", ".join(item.permissions.readable) or "nothing",
             "yes" if item.permissions.actuate else "no, sealed",
         )
         for item in public.objects
         if not item.permissions.hidden
     ]
-
-
-def _readable(may: Permissions) -> list[str]:
-    return [word for field, word in _READ.items() if getattr(may, field) is True]
 
 
 def _limits(limits: LabLimits | None, disabled: Sequence[str]) -> list[str]:

@@ -130,6 +130,8 @@ def _differs(session: Session, seed: int, changed: Sequence[Call]) -> Problem | 
         if play_call(twin, private, call).refused:
             return Problem("twin", f"{call.tool} is refused if no readings and refusals come before it")
     ours, theirs = session.world.save(), twin.world.save()
+    if (ours.disturbed, ours.revealed) != (theirs.disturbed, theirs.revealed):
+        return Problem("twin", "without readings and refusals other bodies count as disturbed or revealed")
     if ours.state.tobytes() != theirs.state.tobytes():
         return Problem("twin", "without readings and refusals the state is another")
     if model_bytes(ours.model) != model_bytes(theirs.model) or ours.spec.to_xml() != theirs.spec.to_xml():
