@@ -99,9 +99,7 @@ def test_errors_of_places_weigh_by_the_slope_and_negative_strengths_are_refused(
 
 def test_the_best_of_several_starts_is_followed_to_its_end() -> None:
     def misfits(at: Array) -> Array:
-        return np.array(
-            [2 + np.cos(3 * at[0]) + at[0] / 4, 0.1]
-        )  # different minima at -1.1, 1.0 and 3.0
+        return np.array([2 + np.cos(3 * at[0]) + at[0] / 4, 0.1])  # different minima at -1.1, 1.0 and 3.0
 
     starts = ([0.8], [-1.5], [2.9])
     cost, best = fitted_from(misfits, starts, ([-2.0], [3.0]), [1.0])
