@@ -189,8 +189,9 @@ _KEEP = """\
 Keep a run as the baselines that every report shows: its records, compressed, and their scores. For contributors, after
 scenes have changed. CONTRIBUTING.md shows the run.
 
-Scenes that were not played keep their records. An episode that an agent could not begin, such as `batch` in a scene
-without one, is left out.
+An agent keeps its stored records of scenes that it did not play in this run, unless another agent played them on
+another version of the pack. An episode that an agent could not begin, such as `batch` in a scene without one, is left
+out.
 """
 
 
@@ -214,12 +215,16 @@ def _keep(args: argparse.Namespace) -> int:
     if (args.out / RUN).is_file():
         former = RunRecord.model_validate_json((args.out / RUN).read_bytes())
         _check_same(former, record)
-        anew = set(record.plan.scenes)
-        lines = lzma.decompress((args.out / EPISODES).read_bytes()).splitlines()
-        kept += [one for one in map(Episode.model_validate_json, lines) if one.key.scene not in anew]
-        scenes = tuple(sorted({*former.plan.scenes, *anew}))
-        plan = record.plan.model_copy(update={"scenes": scenes})
-        record = record.model_copy(update={"plan": plan, "packs": {**former.packs, **record.packs}})
+        stored = map(Episode.model_validate_json, lzma.decompress((args.out / EPISODES).read_bytes()).splitlines())
+        new = {(one.key.scene, one.key.agent) for one in played}
+        before, now = former.content_hashes(), record.content_hashes()
+        kept += [
+            one
+            for one in stored
+            if (one.key.scene, one.key.agent) not in new
+            and now.get(str(one.key.scene), before[str(one.key.scene)]) == before[str(one.key.scene)]
+        ]
+        record = _joined(former, record)
     order = {agent: place for place, agent in enumerate(record.plan.agents)}
     # Episodes of one scene are similar, so placing them side by side improves the compression.
     kept.sort(key=lambda one: (one.key.scene, order[one.key.agent], one.key.seed))
@@ -235,8 +240,17 @@ def _keep(args: argparse.Namespace) -> int:
 
 
 def _check_same(former: RunRecord, record: RunRecord) -> None:
-    """Raise `UsageError` if a run and the stored baselines differ in agents, budgets, seeds or prompting."""
-    for name in ("agents", "budgets", "seeds", "promptings", "protocols"):
+    """Raise `UsageError` if a run and the stored baselines differ in budgets, seeds or prompting."""
+    for name in ("budgets", "seeds", "promptings", "protocols"):
         before, now = getattr(former.plan, name), getattr(record.plan, name)
         if before != now:
             raise UsageError(f"the kept baselines have the {name} {before}, this run has {now}; give another --out")
+
+
+def _joined(former: RunRecord, record: RunRecord) -> RunRecord:
+    """Return the record of a run that contains the scenes and agents of both runs."""
+    scenes = tuple(sorted({*former.plan.scenes, *record.plan.scenes}))
+    agents = tuple(dict.fromkeys((*former.plan.agents, *record.plan.agents)))
+    plan = record.plan.model_copy(update={"scenes": scenes, "agents": agents})
+    packs, facts = former.packs | record.packs, former.agents | record.agents
+    return record.model_copy(update={"plan": plan, "packs": packs, "agents": facts})

@@ -100,7 +100,8 @@ def baseline_table(packs: Mapping[str, str], run: BaselineRun | None = None) -> 
         [[agent, *_cells([row for row in rows if row.key.agent == agent])] for agent in agents],
         note=f"Played at seed {seeds} and budget {budgets}, on the packs of this report. batch, the best fixed list of"
         " calls, is played where a scene has one; constant, the best constant answer, where keys follow from draws by"
-        " theory.",
+        " theory. greedy-design and random-design, which know the pack of a scene but not its hidden values, play the"
+        " Easy scenes.",
     )
 
 

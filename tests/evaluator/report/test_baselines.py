@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 from evaluator.commands.program import main
+from evaluator.records.run import RunRecord
 from evaluator.report import baselines
 from evaluator.report.agent_results import Run, agent_results, packs_of
 from evaluator.report.baselines import EPISODES, FOLDER, RUN, SCORES, baseline_run, baseline_table
@@ -30,7 +31,9 @@ def test_the_files_are_small_and_every_agent_played_the_suite() -> None:
         "random",
         *attackers,
     }
-    assert set(count) == {"blind", "random", "constant", "batch", *attackers}
+    designers = {"greedy-design", "random-design"}
+    assert set(count) == {"blind", "random", "constant", "batch", *attackers, *designers}
+    assert {count[name] for name in designers} == {44}, "they play the Easy scenes"
 
 
 def test_they_were_played_on_the_packs_of_today() -> None:
@@ -89,14 +92,14 @@ def folder_of_two_scenes(path: Path) -> Path:
 def test_the_kept_episodes_are_a_run_that_replays(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     run = folder_of_two_scenes(tmp_path / "run")
     assert main(["replay", str(run)]) == 0
-    assert ": 12 episodes the same, 0 differences" in capsys.readouterr().out
+    assert ": 16 episodes the same, 0 differences" in capsys.readouterr().out
 
 
 def test_a_run_of_some_scenes_replaces_their_records_alone(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     run, kept = folder_of_two_scenes(tmp_path / "run"), tmp_path / "kept"
     for _ in range(2):
         assert main(["keep-baselines", str(run), "--out", str(kept)]) == 0
-        assert capsys.readouterr().out.startswith("12 episodes, ")
+        assert capsys.readouterr().out.startswith("16 episodes, ")
     found = baseline_run(kept)
     assert found is not None
     whole = baseline_run()
@@ -105,3 +108,22 @@ def test_a_run_of_some_scenes_replaces_their_records_alone(tmp_path: Path, capsy
     (run / RUN).write_text((run / RUN).read_text(encoding="utf-8").replace('"budgets":[20]', '"budgets":[5]'), "utf-8")
     done = physment_eval("keep-baselines", run, "--out", kept)
     assert (done.returncode, "the kept baselines have the budgets (20,), this run has (5,)" in done.stderr) == (2, True)
+
+
+@pytest.mark.parametrize(("pack", "left"), [("same", 17), ("changed", 9)])
+def test_another_agent_adds_records_and_removes_those_of_other_packs(tmp_path: Path, pack: str, left: int) -> None:
+    run, kept = folder_of_two_scenes(tmp_path / "run"), tmp_path / "kept"
+    assert main(["keep-baselines", str(run), "--out", str(kept)]) == 0
+    lines = [line for line in (run / "episodes.jsonl").read_text("utf-8").splitlines() if '"agent":"blind"' in line]
+    added = [line.replace('"agent":"blind"', '"agent":"newcomer"') for line in lines if '"scene":7,' in line]
+    (run / "episodes.jsonl").write_text("".join(f"{line}\n" for line in added), "utf-8")
+    record = RunRecord.model_validate_json((run / RUN).read_bytes())
+    packs = {"7": record.packs["7"] if pack == "same" else "c1:000000000000"}
+    plan = record.plan.model_copy(update={"scenes": (7,), "agents": ("newcomer",)})
+    (run / RUN).write_text(record.model_copy(update={"plan": plan, "packs": packs}).model_dump_json(), "utf-8")
+    assert main(["keep-baselines", str(run), "--out", str(kept)]) == 0
+    found = baseline_run(kept)
+    assert found is not None
+    assert found.record.plan.agents == (*record.plan.agents, "newcomer")
+    assert [row.key.scene for row in found.scores if row.key.agent == "newcomer"] == [7]
+    assert len(found.scores) == left
