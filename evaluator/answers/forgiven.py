@@ -62,7 +62,7 @@ def forgive(answer: JsonValue, key: AnswerKey) -> Finding | None:
 def _forgive_form(answer: JsonValue, key: AnswerKey) -> Finding | None:
     """Accept an answer if every part is right, strictly or by normalisation.
 
-    The answer gets the first reason, in the documented order, that one of its parts needed.
+    If parts need different classes of normalisation, the grade names the one that is first in `NormalisationClass`.
     """
     findings: list[Finding] = []
     items = labelled_items(answer, key.spec.labels) or lenient_items(answer, len(key.parts)) or ()

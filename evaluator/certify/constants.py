@@ -159,7 +159,7 @@ class Constants:
         return chance is None or chance >= CERTAIN
 
     def choice_probability(self, fisher: Array) -> float | None:
-        """Return the probability of the right choice, given the readings; None if only numbers are asked for."""
+        """Return the probability that the best choice is right; None if only numbers are asked for."""
         if len(self._asked[0]) == len(self.key):
             return None
         if not self.names:

@@ -19,7 +19,7 @@ from physment_mcp.world.pictures.showing import ShownBody, picture_model
 from scenes import PackFiles, Permissions, PublicPack
 
 _COMMON = ("shape", "size", "radius", "density", "mass", "position", "orientation", "velocity")
-"""Attributes that every object has."""
+"""Attributes that a schematic lists as withheld if they may not be read. Only objects on hinges have the other ones."""
 _EDGE, _GAP, _TITLE = 40, 28, 104
 _COLUMNS = 3
 _LARGEST = (560.0, 300.0)

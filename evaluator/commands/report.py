@@ -215,15 +215,14 @@ def _keep(args: argparse.Namespace) -> int:
     if (args.out / RUN).is_file():
         former = RunRecord.model_validate_json((args.out / RUN).read_bytes())
         _check_same(former, record)
-        stored = map(Episode.model_validate_json, lzma.decompress((args.out / EPISODES).read_bytes()).splitlines())
-        new = {(one.key.scene, one.key.agent) for one in played}
-        before, now = former.content_hashes(), record.content_hashes()
-        kept += [
-            one
-            for one in stored
-            if (one.key.scene, one.key.agent) not in new
-            and now.get(str(one.key.scene), before[str(one.key.scene)]) == before[str(one.key.scene)]
-        ]
+        lines = lzma.decompress((args.out / EPISODES).read_bytes()).splitlines()
+        new, now = {(one.key.scene, one.key.agent) for one in played}, record.content_hashes()
+        stored = [one for one in map(Episode.model_validate_json, lines) if (one.key.scene, one.key.agent) not in new]
+        changed = {int(scene) for scene, pack in former.content_hashes().items() if now.get(scene, pack) != pack}
+        if left := [one for one in stored if one.key.scene in changed]:
+            agents = ", ".join(sorted({one.key.agent for one in left}))
+            print(f"{len(left)} episodes of {agents} are left out: their packs changed")
+        kept += [one for one in stored if one.key.scene not in changed]
         record = _joined(former, record)
     order = {agent: place for place, agent in enumerate(record.plan.agents)}
     # Episodes of one scene are similar, so placing them side by side improves the compression.

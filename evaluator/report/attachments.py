@@ -207,7 +207,7 @@ def write_anew(file: Path, content: bytes) -> None:
 
 
 def write_player(folder: Path) -> None:
-    """Write the script that plays films beside the page of a report.
+    """Write the script that plays films into the folder of a report's page.
 
     Raises:
         StoreError: The script cannot be written.

@@ -194,7 +194,10 @@ def meeting(episodes: Sequence[Episode], text: str, option: str, folder: RunFold
 
 
 def _values(key: EpisodeKey, name: str) -> set[str]:
-    """Return the spellings of a key's value that a condition may use. A scene has two: its id and its reference."""
+    """Return the texts that match a field of an episode's key in a condition such as `scene=7`.
+
+    A scene has two: its id, and its reference such as `world:5:3`.
+    """
     value = str(getattr(key, name))
     return {value, reference_of(key.scene)} if name == "scene" else {value}
 

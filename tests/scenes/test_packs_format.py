@@ -13,7 +13,7 @@ import pytest
 
 from physment_mcp.scene import load_scene
 from physment_mcp.session import Session
-from scenes import Pack, PackError, PackFiles, draw_knobs, drawn_mjcf, find_pack, list_packs, read_pack
+from scenes import Pack, PackError, PackFiles, Permissions, draw_knobs, drawn_mjcf, find_pack, list_packs, read_pack
 from scenes.draw import evaluate
 from scenes.protocol import Call, answer, call, drawn_kind, load_solution
 from tests.builders.paths import ORIGINAL
@@ -375,3 +375,9 @@ def test_variants_of_own_scenes_open(files: PackFiles) -> None:
     for seed in (1, 2):
         session = Session(load_scene(files.scene_id, seed))
         session.world.step(1)
+
+
+def test_readable_attributes_are_named_in_words_and_depend_on_what_is_stated() -> None:
+    assert Permissions().readable == ("velocity",)
+    assert Permissions(body_pos=True, angle=True, velocity=False, spin=True).readable == ("position", "angle", "spin")
+    assert Permissions(spin=False).readable == ("velocity",)

@@ -111,7 +111,9 @@ def test_a_run_of_some_scenes_replaces_their_records_alone(tmp_path: Path, capsy
 
 
 @pytest.mark.parametrize(("pack", "left"), [("same", 17), ("changed", 9)])
-def test_another_agent_adds_records_and_removes_those_of_other_packs(tmp_path: Path, pack: str, left: int) -> None:
+def test_another_agent_adds_records_and_removes_those_of_other_packs(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], pack: str, left: int
+) -> None:
     run, kept = folder_of_two_scenes(tmp_path / "run"), tmp_path / "kept"
     assert main(["keep-baselines", str(run), "--out", str(kept)]) == 0
     lines = [line for line in (run / "episodes.jsonl").read_text("utf-8").splitlines() if '"agent":"blind"' in line]
@@ -122,6 +124,8 @@ def test_another_agent_adds_records_and_removes_those_of_other_packs(tmp_path: P
     plan = record.plan.model_copy(update={"scenes": (7,), "agents": ("newcomer",)})
     (run / RUN).write_text(record.model_copy(update={"plan": plan, "packs": packs}).model_dump_json(), "utf-8")
     assert main(["keep-baselines", str(run), "--out", str(kept)]) == 0
+    noted = "are left out: their packs changed" in capsys.readouterr().out
+    assert noted is (pack == "changed")
     found = baseline_run(kept)
     assert found is not None
     assert found.record.plan.agents == (*record.plan.agents, "newcomer")
