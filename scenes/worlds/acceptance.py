@@ -11,12 +11,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from scenes.errors import WorldError
 from scenes.fitting import Array
 from scenes.worlds.answering import answers, answers_without_parts, gradients
-from scenes.worlds.asking import drawn, nearby
+from scenes.worlds.asking import Flags, covering, drawn, nearby
 from scenes.worlds.candidates import Fit
 from scenes.worlds.drawing import draw_constants, draw_structure
 from scenes.worlds.experiment import SEARCH_S, Situation, laws_of_fit, on_unit, retraced, simulated
@@ -30,8 +29,6 @@ from scenes.worlds.rivals import mistakable, removable, rival_of
 from scenes.worlds.search import Search
 from scenes.worlds.terms import Structure
 from scenes.worlds.weak_form import Legs
-
-Flags = NDArray[np.bool_]
 
 FORCE = 5.0
 """Largest force [N] or torque [N·m], the same in every world, so that the limit does not reveal the mass."""
@@ -122,8 +119,10 @@ class Maker:
         asked, matter = [asked[number] for number in worth], matter[:, worth]
         information = _Information(structure, constants, told, asked, _CHOICE_S)
         spread = information.spread(told.looks)
-        chosen = _chosen(asked, matter & (spread < IDENTIFIABLE), spread)
-        told = information.tightened(self.difficulty.bound, chosen)
+        chosen = covering(asked, matter & (spread < IDENTIFIABLE), spread, ASKED)
+        if chosen is None:
+            raise Refused("no three questions that the readings determine depend on every term")
+        told = information.tightened(self.difficulty.bound, list(chosen))
         questions = tuple(asked[number] for number in chosen)
         bounds = _Information(structure, constants, told, questions).spread(told.looks)
         if bounds.max() > IDENTIFIABLE:
@@ -227,7 +226,7 @@ class _Information:
         variance = np.einsum("qi,ij,qj->q", self._gradient, np.linalg.inv(rows.T @ rows), self._gradient)
         return _finite(np.sqrt(np.abs(variance)) / self._tolerance)
 
-    def tightened(self, bound: float, chosen: Sequence[int]) -> Situation:
+    def tightened(self, bound: float, chosen: list[int]) -> Situation:
         """Return the situation with the fewest readings, and then the most noise, that determines the answers."""
         told = self._told
         looks = next(
@@ -243,22 +242,6 @@ class _Information:
 def _finite(found: Array) -> Array:
     """Replace NaN by a very large number."""
     return np.where(np.isfinite(found), found, 1e9)
-
-
-def _chosen(asked: Sequence[Question], matter: Flags, spread: Array) -> list[int]:
-    """Return indices of questions such that each part of the law affects one of them; kinds differ if possible."""
-    chosen: list[int] = []
-    able = [bool(column.any()) for column in matter.T]
-    while len(chosen) < ASKED:
-        kinds = {asked[number].kind for number in chosen}
-        others = [n for n in range(len(asked)) if able[n] and n not in chosen]
-        fresh = [n for n in others if asked[n].kind not in kinds] or others
-        if not fresh:
-            raise Refused("the readings do not determine the answers")
-        chosen.append(max(fresh, key=lambda n: (matter[:, [*chosen, n]].any(axis=1).sum(), -spread[n])))
-    if not matter[:, chosen].any(axis=1).all():
-        raise Refused("no three questions depend on every term")
-    return chosen
 
 
 def _refuse_guessable(world: DrawnWorld, rng: random.Random) -> None:

@@ -1,10 +1,12 @@
-"""Generates random questions of the kinds that a difficulty names, and computes the answers of naive shortcuts."""
+"""Generates random questions, chooses those of a world, and computes the answers of naive shortcuts."""
 
 import random
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from itertools import combinations, compress
 
 import numpy as np
+from numpy.typing import NDArray
 
 from scenes.fitting import Array
 from scenes.worlds.answering import answers
@@ -13,6 +15,8 @@ from scenes.worlds.experiment import Situation
 from scenes.worlds.levels import Difficulty, kinds_for
 from scenes.worlds.questions import Question
 from scenes.worlds.terms import Structure
+
+Flags = NDArray[np.bool_]
 
 LATEST_S = 10.0
 """Largest delay of a late question after the end of the laboratory time [s]."""
@@ -126,6 +130,28 @@ def _which(structure: Structure, rng: random.Random) -> Question:
     asked = rng.choice(structure.terms).form
     options = options_with(structure, asked, OPTIONS, rng)
     return Question("which", nothing, nothing, nothing, 0.0, 0.0, "which", options=options)
+
+
+def covering(asked: Sequence[Question], matter: Flags, spread: Array, count: int) -> tuple[int, ...] | None:
+    """Return indices of `count` questions such that each part of the law affects one of them; None if there are none.
+
+    Of all such sets it is one with the most kinds of questions, and among those the one in which the largest standard
+    error is smallest.
+
+    Args:
+        asked: Candidates.
+        matter: For each part and candidate, whether the part affects a determined answer, shape (parts, candidates).
+        spread: Smallest possible standard error of each answer, in tolerances, shape (candidates,).
+        count: Number of questions.
+    """
+    able = [number for number, affects in enumerate(matter.any(axis=0)) if affects]
+    sets = list(combinations(able, count))
+    suffice = matter[:, np.array(sets, dtype=np.intp).reshape(-1, count)].any(axis=2).all(axis=0)
+    return min(
+        compress(sets, suffice),
+        key=lambda chosen: (-len({asked[number].kind for number in chosen}), spread[list(chosen)].max()),
+        default=None,
+    )
 
 
 def nearby(

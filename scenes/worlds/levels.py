@@ -7,7 +7,7 @@ from typing import Any, Final
 from scenes.errors import WorldError
 from scenes.worlds.parts import Apparatus
 
-GRAMMAR: Final = 1
+GRAMMAR: Final = 2
 """Version of the grammar and of how worlds are sampled from it; records of older versions stay readable."""
 LEVELS = range(1, 11)
 

@@ -46,7 +46,7 @@ _L = TypeVar("_L", bound=_Line)
 class WorldRecord(_Line):
     """The data from which the laboratory of a world is generated."""
 
-    grammar: Literal[1]
+    grammar: Literal[1, 2]
     level: int = Field(ge=LEVELS[0], le=LEVELS[-1])
     index: int = Field(ge=0, lt=LEVEL_IDS)
     split: str

@@ -9,7 +9,7 @@ import pytest
 from evaluator.certify.worlds import engine_answers
 from scenes.errors import WorldError
 from scenes.worlds.answering import answers, crossing
-from scenes.worlds.asking import drawn, nearby
+from scenes.worlds.asking import Flags, covering, drawn, nearby
 from scenes.worlds.catalogue import FORMS, forms_of
 from scenes.worlds.drawing import draw_constants, draw_structure, options_with
 from scenes.worlds.experiment import Situation
@@ -194,3 +194,29 @@ def test_a_task_says_what_is_asked_and_what_a_fresh_start_is() -> None:
     assert pack.answer_spec is not None
     assert pack.answer_spec.unit == ("N", "m", "1")
     assert "find_objects" in pack.disabled_tools
+
+
+def candidates(*kinds: str) -> list[Question]:
+    return [Question(kind, (0.0,), (0.0,), (0.0,), 0.0, 2.0, "u") for kind in kinds]
+
+
+def parts(count: int, *affecting: set[int]) -> Flags:
+    """Return which of `count` parts affect each candidate, shape (parts, candidates)."""
+    return np.array([[part in affects for affects in affecting] for part in range(count)])
+
+
+def test_three_questions_that_depend_on_every_part_are_found_although_none_has_the_most_parts() -> None:
+    asked = candidates("strong", "strong", "far", "late")
+    matter = parts(7, {0, 1, 2, 3}, {0, 1, 4}, {2, 3, 5}, {6})
+    assert covering(asked, matter, np.full(4, 0.1), 3) == (1, 2, 3)
+
+
+def test_of_sets_that_suffice_the_one_with_most_kinds_and_the_smallest_error_is_asked() -> None:
+    asked = candidates("strong", "strong", "far", "far", "late")
+    matter, spread = parts(1, *[{0}] * 5), np.array([0.01, 0.2, 0.3, 0.2, 0.1])
+    assert covering(asked, matter, spread, 3) == (0, 3, 4)
+
+
+@pytest.mark.parametrize("affecting", [[{0}, {0}, {0}], [{0, 1}, set(), {0}], [set(), set(), set()]])
+def test_no_questions_are_asked_if_a_part_affects_none_or_too_few_depend_on_the_law(affecting: list[set[int]]) -> None:
+    assert covering(candidates(*["strong"] * 3), parts(2, *affecting), np.full(3, 0.1), 3) is None

@@ -208,7 +208,7 @@ def test_a_course_fits_into_the_iterations_of_an_episode(looks: int) -> None:
 @pytest.mark.parametrize(
     ("change", "sentence"),
     [
-        ({"grammar": 2}, "grammar: Input should be 1"),
+        ({"grammar": 3}, "grammar: Input should be 1 or 2"),
         ({"level": 4}, "holds a world of level 4"),
         ({"terms": [["tractor beam", []]]}, "has no such part; is the record of a newer version"),
         ({"constants": {"m": 1.0}}, "the constants are not those of the terms"),
