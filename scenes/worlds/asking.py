@@ -144,11 +144,11 @@ def covering(asked: Sequence[Question], matter: Flags, spread: Array, count: int
         spread: Smallest possible standard error of each answer, in tolerances, shape (candidates,).
         count: Number of questions.
     """
-    able = [number for number, affects in enumerate(matter.any(axis=0)) if affects]
-    sets = list(combinations(able, count))
-    suffice = matter[:, np.array(sets, dtype=np.intp).reshape(-1, count)].any(axis=2).all(axis=0)
+    sets = list(combinations(map(int, np.flatnonzero(matter.any(axis=0))), count))
+    affected: Flags = matter[:, np.array(sets, dtype=np.intp).reshape(-1, count)].max(axis=2)
+    covers: Flags = affected.min(axis=0)
     return min(
-        compress(sets, suffice),
+        compress(sets, covers),
         key=lambda chosen: (-len({asked[number].kind for number in chosen}), spread[list(chosen)].max()),
         default=None,
     )
