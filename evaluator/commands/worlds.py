@@ -97,7 +97,7 @@ def add(commands: Commands) -> None:
     show.add_argument("--private", action="store_true", help="also what no agent may know")
     verify = actions.add_parser("verify", help="prove stored worlds again", description=_VERIFY, formatter_class=raw)
     verify.set_defaults(run=_verify)
-    verify.add_argument("--levels", type=_level, nargs="+", metavar="L", help="which levels (default: all in DIR)")
+    verify.add_argument("--level", type=_levels, metavar="L", help="a level, or a range: 1-10 (default: all in DIR)")
     for command in (show, verify):
         command.add_argument(
             "--worlds-dir",
@@ -253,7 +253,7 @@ def _publish(args: argparse.Namespace) -> int:
 
 
 def _verify(args: argparse.Namespace) -> int:
-    levels = args.levels or [level for level in LEVELS if lines_file(args.worlds_dir, level).exists()]
+    levels = args.level or [level for level in LEVELS if lines_file(args.worlds_dir, level).exists()]
     if not levels:
         raise UsageError(f"{args.worlds_dir} holds no worlds (level-1.jsonl, …)")
     console, wrong, checked = wide_console(), 0, 0

@@ -198,10 +198,10 @@ def test_two_processes_do_not_make_worlds_in_one_folder(tmp_path: Path, capsys: 
 def test_a_kill_between_the_two_lines_of_a_world_loses_nothing(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    worlds = write_worlds(tmp_path / "w", (0, 1))
+    worlds = write_worlds(tmp_path / "w", (100, 101))
     lines = lines_file(worlds, 1).read_text(encoding="utf-8")
     lines_file(worlds, 1).write_text(lines.splitlines()[0] + "\n" + lines.splitlines()[1][:50], encoding="utf-8")
-    make = ["worlds", "make", "--level", "1", "--count", "2", "--workers", "1", "--out", str(worlds)]
+    make = ["worlds", "make", "--level", "1", "--first", "100", "--count", "2", "--workers", "1", "--out", str(worlds)]
     assert main(make) == 0
     assert lines_file(worlds, 1).read_text(encoding="utf-8") == lines
     assert main(["worlds", "verify", "--worlds-dir", str(worlds), "--workers", "1"]) == 0
