@@ -82,7 +82,7 @@ class Maker:
     refusals: Counter[str] = field(default_factory=Counter[str])
     """Number of refused draws by reason."""
 
-    def world(self, most: int = 400) -> DrawnWorld:
+    def world(self, most: int = 2000) -> DrawnWorld:
         """Return the first sampled world that is accepted.
 
         Raises:
