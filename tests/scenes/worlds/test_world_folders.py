@@ -160,7 +160,7 @@ def test_a_published_set_has_its_keys_apart_and_the_canary(worlds: Path, tmp_pat
 
 def test_the_public_set_has_no_gaps() -> None:
     folder = default_folder()
-    assert list(levels_of(folder)) == [*range(1, 10)]
+    assert list(levels_of(folder)) == [*LEVELS]
     for level in levels_of(folder):
         assert lines_file(folder / PUBLISHED, level).read_text(encoding="utf-8").startswith(CANARY_LINE)
         for index, record in enumerate(worlds_of(folder, level)):
