@@ -11,7 +11,7 @@ import json
 from collections.abc import Iterator
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any, Literal, Self, TypeVar
+from typing import Any, Self, TypeVar
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
@@ -46,7 +46,7 @@ _L = TypeVar("_L", bound=_Line)
 class WorldRecord(_Line):
     """The data from which the laboratory of a world is generated."""
 
-    grammar: Literal[1, 2]
+    grammar: int = Field(ge=1, le=GRAMMAR)
     level: int = Field(ge=LEVELS[0], le=LEVELS[-1])
     index: int = Field(ge=0, lt=LEVEL_IDS)
     split: str

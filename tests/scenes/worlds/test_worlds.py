@@ -21,7 +21,7 @@ from scenes.worlds.acceptance import IDENTIFIABLE, DrawnWorld, Maker
 from scenes.worlds.drawing import SPLITS, draw_constants, draw_structure, split_of
 from scenes.worlds.expansion import expand
 from scenes.worlds.experiment import TURNS, Situation
-from scenes.worlds.levels import LEVELS, difficulty_of
+from scenes.worlds.levels import GRAMMAR, LEVELS, difficulty_of
 from scenes.worlds.orders import PUBLIC
 from scenes.worlds.packs import pack_of
 from scenes.worlds.parts import Apparatus
@@ -208,7 +208,7 @@ def test_a_course_fits_into_the_iterations_of_an_episode(looks: int) -> None:
 @pytest.mark.parametrize(
     ("change", "sentence"),
     [
-        ({"grammar": 3}, "grammar: Input should be 1 or 2"),
+        ({"grammar": GRAMMAR + 1}, f"grammar: Input should be less than or equal to {GRAMMAR}"),
         ({"level": 4}, "holds a world of level 4"),
         ({"terms": [["tractor beam", []]]}, "has no such part; is the record of a newer version"),
         ({"constants": {"m": 1.0}}, "the constants are not those of the terms"),
