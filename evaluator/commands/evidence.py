@@ -1,14 +1,16 @@
 """`physment-eval evidence`: measures how far the readings of stored episodes determine the answer."""
 
 import argparse
+import json
 import os
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from functools import partial
 from pathlib import Path
 
 from rich.console import Console
 
+from evaluator.agents.reference import calls_and_readings
 from evaluator.certify.evidence import measured
 from evaluator.certify.processes import in_processes
 from evaluator.certify.subject import Subject
@@ -78,21 +80,24 @@ def _evidence(args: argparse.Namespace) -> int:
     wanted = [episode for episode in episodes if episode.key not in there]
     withheld = folder.run_file.exists() and is_withheld(folder)
 
-    def work(episode: Episode) -> Callable[[], EvidenceRecord]:
-        seed = seed_of(episode.key.scene, episode.key.seed)
-        return partial(_measured, episode, seed, hashes[episode.key], args.scenes_dir)
+    def work(same: Sequence[Episode]) -> Callable[[], EvidenceRecord]:
+        first = same[0]
+        seed = seed_of(first.key.scene, first.key.seed)
+        return partial(_measured, first, seed, hashes[first.key], args.scenes_dir)
 
     console = wide_console()
     with folder.held(), progress_bar() as progress:
         task = progress.add_task("evidence", total=len(wanted))
 
-        def on_done(episode: Episode, measured: EvidenceRecord) -> None:
+        def on_done(same: Sequence[Episode], measured: EvidenceRecord) -> None:
             found = _without_names(measured) if withheld else measured
-            folder.append_evidence(found)
-            there[episode.key] = found
-            progress.advance(task)
+            for number, episode in enumerate(same):
+                own = {"key": episode.key, "episode": hashes[episode.key], "seconds": 0.0 if number else found.seconds}
+                there[episode.key] = found.model_copy(update=own)
+                folder.append_evidence(there[episode.key])
+                progress.advance(task)
 
-        run_async(partial(in_processes, wanted, work, args.workers, on_done))
+        run_async(partial(in_processes, _same_experiments(wanted), work, args.workers, on_done))
     if args.json:
         for episode in episodes:
             print(there[episode.key].model_dump_json())
@@ -104,6 +109,17 @@ def _evidence(args: argparse.Namespace) -> int:
             [MeasuredEpisode(one, there[one.key], verdict) for one, verdict in zip(episodes, strict, strict=True)],
         )
     return 0
+
+
+def _same_experiments(episodes: Iterable[Episode]) -> list[list[Episode]]:
+    """Group the episodes that differ only in their answers: their evidence is the same, so it is measured once."""
+    found: dict[str, list[Episode]] = {}
+    for episode in episodes:
+        turns = [turn for turn, _ in episode.accepted_calls()]
+        calls = [(call.tool, call.arguments, reading) for call, reading in calls_and_readings(episode)]
+        experiments = json.dumps([episode.key.scene, episode.key.seed, turns, calls])
+        found.setdefault(experiments, []).append(episode)
+    return list(found.values())
 
 
 def _measured(episode: Episode, seed: int, line_sha256: str, scenes_dir: Path | None) -> EvidenceRecord:

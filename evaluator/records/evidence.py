@@ -88,7 +88,7 @@ class EvidenceRecord(Record):
     not_measurable: str = ""
     """Why the evidence cannot be computed; empty if it can."""
     seconds: float = Field(default=0.0, ge=0)
-    """Processor time of the computation [s]."""
+    """Processor time of the computation [s]; 0 if the experiments are those of another episode, measured with it."""
 
     @property
     def suffices(self) -> bool:

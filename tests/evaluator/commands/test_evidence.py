@@ -36,6 +36,21 @@ def test_each_episode_gets_its_evidence_once(run: Path) -> None:
     assert found["blind", 7] in {EvidenceVerdict.EXPERIMENT_INSUFFICIENT, EvidenceVerdict.GUESSED}
 
 
+def test_episodes_that_differ_only_in_their_answers_are_measured_once(tmp_path: Path) -> None:
+    run = tmp_path / "run"
+    words = ("--agent", "taker:none", "--agent", "taker:wrong-law", "--agent", "blind")
+    assert physment_eval("run", "--server", "host", *words, "--scenes", "13", "--out", run).returncode == 0
+    assert physment_eval("evidence", run, "--workers", "2").returncode == 0
+    folder = RunFolder(run)
+    found = {key.agent: one for key, one in folder.evidence().items()}
+    hashes = folder.line_hashes()
+    assert all(one.episode == hashes[key] for key, one in folder.evidence().items())
+    right, wrong, blind = found["taker:none"], found["taker:wrong-law"], found["blind"]
+    assert right.calls == wrong.calls != blind.calls
+    assert min(right.seconds, wrong.seconds) == 0.0
+    assert max(right.seconds, wrong.seconds) > 0.0 < blind.seconds
+
+
 def test_the_evidence_can_be_read_as_json_lines(run: Path) -> None:
     done = physment_eval("evidence", run, "--workers", "1", "--json", "--episodes", "scene=7,agent=reference")
     (line,) = done.stdout.splitlines()
