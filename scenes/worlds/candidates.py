@@ -74,6 +74,10 @@ def score_of(structure: Structure, misfits: Array, slope: Array) -> float:
     return float(misfits @ misfits + np.linalg.slogdet(slope.T @ slope / (2 * math.pi))[1]) + PART * count
 
 
+Offer = tuple[float, Structure, Array]
+"""Expected decrease of the score, a structure with one more part, and its initial point of the unit cube."""
+
+
 @dataclass
 class _Library:
     """Effects of terms with sampled constants on each leg; an entry for each form alone and with each modulation."""
@@ -106,26 +110,32 @@ class Candidates:
     _kept: dict[str, _Library] = field(default_factory=dict[str, _Library])
 
     def more(self, node: Fit, barred: frozenset[str], most: int) -> list[tuple[Structure, Array]]:
-        """Return the structures with one more term or modulation that have the highest scores."""
-        return [(structure, unit) for _, structure, unit in self.offers(node, barred)[:most]]
+        """Return the structures with one more term or modulation that have the highest scores.
 
-    def offers(self, node: Fit, barred: frozenset[str]) -> list[tuple[float, Structure, Array]]:
-        """Return (score, structure, point) for each structure with one more term or modulation, by descending score."""
-        offers = [*self._terms(node, barred), *self._modulations(node, barred)]
-        return sorted(offers, key=lambda offer: -offer[0])
+        Like the structures of the grammar, they have each modulation at most once.
+        """
+        used = {name for term in node.structure.terms for name in term.modulations}
+        return [(structure, unit) for _, structure, unit in self.offers(node, barred | used)[:most]]
 
-    def _terms(self, node: Fit, barred: frozenset[str]) -> Iterator[tuple[float, Structure, Array]]:
+    def offers(self, node: Fit, barred: frozenset[str]) -> list[Offer]:
+        """Return the structures with one more term or modulation, by descending score."""
+        return sorted([*self._terms(node, barred), *self._modulations(node, barred)], key=_by_score)
+
+    def terms(self, node: Fit, barred: frozenset[str]) -> list[Offer]:
+        """Return the structures with one more term, by descending score."""
+        return sorted(self._terms(node, barred), key=_by_score)
+
+    def modulations(self, node: Fit, barred: frozenset[str]) -> list[Offer]:
+        """Return the structures with one more modulation, by descending score."""
+        return sorted(self._modulations(node, barred), key=_by_score)
+
+    def _terms(self, node: Fit, barred: frozenset[str]) -> Iterator[Offer]:
         """Return terms to add, with their scores."""
         library, parts = self._columns(node), node.parts()
         gains, sizes = self._gains(node, library.columns, library)
-        used = {name for term in node.structure.terms for name in term.modulations}
         forms = [term.kind for term in node.structure.terms]
         for entry, term in enumerate(library.terms):
-            if (
-                barred & {term.form, *term.modulations}
-                or used & set(term.modulations)
-                or not compatible(node.structure.apparatus, [*forms, term.kind])
-            ):
+            if barred & {term.form, *term.modulations} or not compatible(node.structure.apparatus, [*forms, term.kind]):
                 continue
             columns = np.flatnonzero(library.entry == entry)
             at = columns[int(np.argmax(gains[columns]))]
@@ -135,16 +145,15 @@ class Candidates:
             price = _CONSTANT * len(unit) + PART * (1 + len(term.modulations))
             yield float(gains[at]) - price, *changed(node, [*parts, (term, unit)])
 
-    def _modulations(self, node: Fit, barred: frozenset[str]) -> Iterator[tuple[float, Structure, Array]]:
+    def _modulations(self, node: Fit, barred: frozenset[str]) -> Iterator[Offer]:
         """Return modulations to add to a term, with their scores."""
         parts = node.parts()
-        used = {name for term, _ in parts for name in term.modulations}
         constants = named(node.structure, node.unit[:, None])
         for at, (term, unit) in enumerate(parts):
             if len(term.modulations) >= _MODULATIONS:
                 continue
             for part in self.factors:
-                if part.name in used | barred or term.kind.group not in part.fits:
+                if part.name in barred.union(term.modulations) or term.kind.group not in part.fits:
                     continue
                 names = (*term.modulations, part.name)
                 more = Term(term.form, tuple(sorted(names)))
@@ -214,6 +223,10 @@ class Candidates:
     @staticmethod
     def _samples(constants: int) -> int:
         return max(1, min(_SAMPLES[0] * constants, _SAMPLES[1]))
+
+
+def _by_score(offer: Offer) -> float:
+    return -offer[0]
 
 
 def changed(node: Fit, parts: Sequence[tuple[Term, Array]]) -> tuple[Structure, Array]:

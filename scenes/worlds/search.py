@@ -1,9 +1,9 @@
 """Finds the terms of a law from pushes and readings, by a beam search over the structures of the grammar.
 
-A step of the search adds a part, removes a part, or replaces a term. The score test selects the changes that are worth
-a fit: it computes how much of the residuals a term explains beyond the constants of the law, for many values of its
-constants at once. Structures are fitted leg by leg (`weak_form`). They are compared by their evidence, which penalises
-constants and parts.
+A step of the search adds a part, removes a part, replaces one, or replaces two terms by one. The score test selects the
+changes that are worth a fit: it computes how much of the residuals a term explains beyond the constants of the law, for
+many values of its constants at once. Structures are fitted leg by leg (`weak_form`). They are compared by their
+evidence, which penalises constants and parts.
 """
 
 import time
@@ -13,7 +13,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from scenes.fitting import Array, refined
-from scenes.worlds.candidates import PART, Candidates, Fit, changed, expected_score, plainer, score_of
+from scenes.worlds.candidates import PART, Candidates, Fit, Offer, changed, expected_score, plainer, score_of
 from scenes.worlds.catalogue import forms_of, modulations_of
 from scenes.worlds.parts import Form, Modulation
 from scenes.worlds.terms import Structure
@@ -21,8 +21,8 @@ from scenes.worlds.weak_form import Legs
 
 _ROUNDS = 8
 _SHIFT = 1e-4
-_OFFERS, _SWAPPED = 10, 6
-"""Number of candidate terms that are fitted for an addition, and for the replacement of one term."""
+_OFFERS, _SWAPPED, _MERGED = 10, 6, 3
+"""Number of candidates for an addition, for the replacement of a term or modulation, and for that of two terms."""
 _FITTED, _ENOUGH = 16, 5
 """Number of neighbours of a structure that are fitted, and number after which a better one ends the expansion."""
 _AGREED, _BARRED, _NARROW = 6, 0.6, 2
@@ -74,7 +74,7 @@ class Search:
         self._about(self.legs, *(self.about or self._bare))
 
     def run(self) -> list[Fit]:
-        """Run the search; returns the fitted structures, best first.
+        """Run the search; returns the fitted structures of the grammar, best first.
 
         The search starts without modulations, because a wrong form with a modulation often hides the right form. It
         restarts without some parts of the best structure until the result is stable, and again while the best structure
@@ -92,7 +92,7 @@ class Search:
             self._descend([self.fit(*self._bare, 4)], _NARROW, barred, settle=False)
             self._descend(self.best(), self.width, frozenset(), settle=True)
             agreed = agreed + 1 if self.best()[0].structure == before.structure else 0
-        return self.best()
+        return [fit for fit in self.best() if not fit.structure.repeats] or self.best()
 
     def tell(self, structure: Structure, unit: Array) -> Fit:
         """Start the search from a known structure with approximate constants; returns its fit."""
@@ -152,10 +152,10 @@ class Search:
 
     @property
     def explained(self) -> bool:
-        """Return whether the best structure explains the readings with the smallest model error."""
-        count = self.legs.course.count
-        near = self.best()[0].chi_square < count + _DEVIATIONS * float(np.sqrt(2 * count))
-        return near and self.legs.drift <= _LEAST_DRIFT
+        """Return whether a structure of the grammar is best and explains the readings with the least model error."""
+        count, best = self.legs.course.count, self.best()[0]
+        near = best.chi_square < count + _DEVIATIONS * float(np.sqrt(2 * count))
+        return near and self.legs.drift <= _LEAST_DRIFT and not best.structure.repeats
 
     @property
     def over(self) -> bool:
@@ -212,20 +212,25 @@ class Search:
             self.fit(fit.structure, fit.unit, 4)
 
     def promising(self, node: Fit, barred: frozenset[str]) -> list[tuple[Structure, Array]]:
-        """Return the neighbours with the best expected scores, the best first."""
-        parts = node.parts()
-        offers = self._candidates.offers(node, barred)[:_OFFERS]
+        """Return the neighbours with the best expected scores, the best first.
+
+        A neighbour has one part more or less, another term or modulation in place of one, or a term in place of two.
+        Unlike the structures of the grammar it may have a modulation twice: otherwise a modulation of a wrong term
+        could not be added to the right one.
+        """
+        parts, propose = node.parts(), self._candidates
+        offers = propose.offers(node, barred)[:_OFFERS]
         found = [(node.score - gain, structure, start) for gain, structure, start in offers]
         for at, (term, unit) in enumerate(parts):
             rest = parts[:at] + parts[at + 1 :]
             for number in range(len(term.modulations)):
                 less = self._fitted(*changed(node, [*rest, plainer(term, unit, number)]))
-                found.append((expected_score(less), less.structure, less.unit))
+                found += _instead(less, propose.modulations(less, barred)[:_SWAPPED])
             less = self._fitted(*changed(node, rest))
-            score = expected_score(less)
-            found.append((score, less.structure, less.unit))
-            offers = self._candidates.offers(less, barred)[:_SWAPPED]
-            found += [(score - gain, structure, start) for gain, structure, start in offers]
+            found += _instead(less, propose.offers(less, barred)[:_SWAPPED])
+            for other in range(at):
+                less = self._fitted(*changed(node, rest[:other] + rest[other + 1 :]))
+                found += _instead(less, propose.terms(less, barred)[:_MERGED])
         different = dict[Structure, Array]()
         for _, structure, start in sorted(found, key=lambda offer: offer[0]):
             if structure != node.structure:
@@ -243,6 +248,12 @@ class Search:
             less = changed(node, rest)
             yield from self._candidates.more(self._fitted(*less), barred, _SWAPPED)
             yield less
+
+
+def _instead(less: Fit, offers: Sequence[Offer]) -> list[Offer]:
+    """Return a structure that lacks a part, and those with another part in its place, with their expected scores."""
+    score = expected_score(less)
+    return [(score, less.structure, less.unit), *((score - gain, added, unit) for gain, added, unit in offers)]
 
 
 def _score(fit: Fit) -> float:

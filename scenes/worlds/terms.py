@@ -111,6 +111,12 @@ class Structure:
         """Whether the law depends on the path length of the body."""
         return any("wear" in term.modulations for term in self.terms)
 
+    @property
+    def repeats(self) -> bool:
+        """Whether a modulation occurs more than once. The grammar draws no such structure."""
+        names = [name for term in self.terms for name in term.modulations]
+        return len(set(names)) < len(names)
+
     @functools.cached_property
     def states(self) -> tuple[str, ...]:
         """Names of the state variables: first the readable ones, then those of hidden bodies and the path length."""

@@ -109,6 +109,43 @@ def test_the_missing_modulation_is_among_the_first_changes_that_are_fitted() -> 
     assert len(set(first)) == len(first)
 
 
+CHANGES = {
+    "a modulation in place of another": (
+        Structure(Apparatus.GLIDER, (Term("friction", ("step", "wear")), Term("spring"))),
+        Structure(Apparatus.GLIDER, (Term("friction", ("beat", "wear")), Term("spring"))),
+        Structure(Apparatus.GLIDER, (Term("friction", ("step", "wear")), Term("spring"))),
+    ),
+    "a modulation that another term has": (
+        Structure(Apparatus.WHEEL, (Term("drag cup", ("fading",)), Term("dry friction"), Term("slope"))),
+        Structure(Apparatus.WHEEL, (Term("drag cup"), Term("dry friction", ("fading",)), Term("slope"))),
+        Structure(Apparatus.WHEEL, (Term("drag cup", ("fading",)), Term("dry friction", ("fading",)), Term("slope"))),
+    ),
+    "a term in place of two": (
+        Structure(Apparatus.PUCK, (Term("linear drag", ("outward",)), Term("saddle"))),
+        Structure(Apparatus.PUCK, (Term("power drag", ("outward",)), Term("saddle"), Term("saturating drag"))),
+        Structure(Apparatus.PUCK, (Term("linear drag", ("outward",)), Term("saddle"))),
+    ),
+}
+
+
+@pytest.mark.parametrize(("true", "begun", "wanted"), CHANGES.values(), ids=CHANGES)
+def test_a_change_of_two_parts_is_among_those_that_are_fitted(
+    true: Structure, begun: Structure, wanted: Structure
+) -> None:
+    constants, told = draw_constants(true, random.Random(4)), told_of(true)
+    search = Search(Legs.of(simulated(true, constants, told, 3), told))
+    node = search.fit(begun, np.full(len(begun.ranges), 0.5), 8)
+    assert wanted in [changed for changed, _ in search.promising(node, frozenset())]
+
+
+def test_the_search_returns_structures_of_the_grammar() -> None:
+    true, _, repeated = CHANGES["a modulation that another term has"]
+    assert repeated.repeats
+    assert not true.repeats
+    search = Search(Legs.of(simulated(true, draw_constants(true, random.Random(4)), told_of(true), 3), told_of(true)))
+    assert not any(fit.structure.repeats for fit in search.run())
+
+
 @pytest.mark.parametrize("apparatus", Apparatus)
 def test_a_task_is_read_from_its_prompt(apparatus: Apparatus, tmp_path: Path) -> None:
     forms = ("linear drag", "mutual spring") if apparatus is Apparatus.PAIR else ("linear drag",)
