@@ -23,7 +23,6 @@ WEIGH_N, WEIGH_S, WEIGH_LOOKS, LOOK_S = 27.0, 0.7, 5, 0.05
 PARTS = {"series": 2, "series_and_wheel": 3, "wheel_and_spring": 3}
 GRID = [(5, 20, 80, 300), (0.5, 1.5, 5, 15), (0.4, 1.2, 4.0)]
 LOW, HIGH = np.log([1.0, 0.1, 0.05]), np.log([3000.0, 500.0, 30.0])
-STILL = [(0.0, LOOK_S)] * WEIGH_LOOKS
 FIRST = [(1.0, 0.04)] * 3 + [(-1.0, 0.04)] * 3 + [(0.0, 0.1)] * 3
 SPACINGS = (0.04, 0.1, 0.2, 0.5, 1.0)
 SHAPES = (
@@ -218,25 +217,18 @@ def _calls(segments, force, mass):
     return calls
 
 
-def _read(readings):
-    return [reading["position"][0] for reading in readings if "position" in reading]
-
-
 def solve(task):
-    """The weighing, a gentle first push, then in each round the experiment that promises most."""
-    calls = _weighing()
-    places, made, found = _read((yield calls)), len(calls), None
-    mass, start = _weighed(places)
-    segments, design = list(STILL), FIRST
+    """The weighing, a gentle first push, then in each round the experiment that promises most, until a catch."""
+    calls, force, design, found = _weighing(), 0.0, FIRST, None
+    seen = list(zip(calls, (yield calls), strict=True))
+    mass, segments, ways = _record(seen)
     while design:
-        calls = _calls(design, segments[-1][0], mass)
-        read, made = _read((yield calls)), made + len(calls)
-        if np.max(np.abs(SHARE * (np.array(read) - start))) > CAUGHT_M:
-            break
-        places, segments = [*places, *read], [*segments, *design]
-        ways = SHARE * (np.array(places) - start)
+        calls, before = _calls(design, force, mass), len(ways)
+        seen += zip(calls, (yield calls), strict=True)
+        mass, segments, ways = _record(seen)
         found = _fits(segments, ways, found)
-        design = _next(found, segments, ways, CALLS - made, mass)
+        caught = len(ways) < before + len(design)
+        force, design = design[-1][0], None if caught else _next(found, segments, ways, CALLS - len(seen), mass)
     structure = min(found, key=lambda name: found[name][0])
     yield [answer(_predict(structure, np.exp(found[structure][1]), mass))]
 
