@@ -17,6 +17,8 @@ GUARD_RAD, GUARD_RAD_S = 60.0, 50.0
 LEGS, LOOKS, CALLS = 13, 3, 150
 CREEP_RAD_S = 0.5
 """Spin below which the dry part of the brake fades."""
+LAG_S = 0.0025
+"""Delay with which the laboratory's brake follows the heat."""
 BRAKES = {"eddy": "r", "shoes": "s"}
 USES = {"weakens": -1, "bites": 1}
 
@@ -31,7 +33,10 @@ def _rates(structure, knobs, time, state, torque):
     """Time derivative of angle, spin, and heat over inertia."""
     _, spin, heat = state
     law, use = structure.split(", ")
-    brake = _fresh(law, knobs, spin) * (1 + np.maximum(heat, 0.0) / knobs["e"]) ** USES[use]
+    brake = _fresh(law, knobs, spin)
+    for lag in (0.0, LAG_S):
+        heated = np.maximum(heat - lag * brake * spin, 0.0)
+        brake = _fresh(law, knobs, spin) * (1 + heated / knobs["e"]) ** USES[use]
     return np.array([spin, torque[0] / knobs["i"] - brake, brake * spin])
 
 

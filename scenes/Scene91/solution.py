@@ -105,7 +105,7 @@ def _ranges(rows, kind):
         radius, growth = (ways.sum() / last.sum() if moved.any() else 0.1), 0.0
     least = 0.75 * GRAVITY * radius * (load[moved][0] if moved.any() else 0.5)
     most = FAST_NM[1] / FAST_SPIN ** KINDS.index(kind)
-    low = [0.04, -0.05, -4.5, np.log(least / 12), most * FAST_NM[0] / FAST_NM[1]]
+    low = [0.04, -0.05, -4.5, np.log(least / 3), most * FAST_NM[0] / FAST_NM[1]]
     high = [0.16, 0.05, -0.7, np.log(least * 1.6), most]
     count = 4 if kind == "dry" else 5
     begin = [radius, growth, 0.0, np.log(least), 1.2 * low[-1]]
