@@ -114,8 +114,8 @@ class Candidates:
 
         Like the structures of the grammar, they have each modulation at most once.
         """
-        used = {name for term in node.structure.terms for name in term.modulations}
-        return [(structure, unit) for _, structure, unit in self.offers(node, barred | used)[:most]]
+        shut = barred | node.structure.modulations
+        return [(structure, unit) for _, structure, unit in self.offers(node, shut)[:most]]
 
     def offers(self, node: Fit, barred: frozenset[str]) -> list[Offer]:
         """Return the structures with one more term or modulation, by descending score."""
@@ -129,10 +129,43 @@ class Candidates:
         """Return the structures with one more modulation, by descending score."""
         return sorted(self._modulations(node, barred), key=_by_score)
 
+    def other_forms(self, less: Fit, term: Term, unit: Array, barred: frozenset[str]) -> list[Offer]:
+        """Return the structures with another form in place of a term's, by descending score; modulations are kept.
+
+        Args:
+            less: The fit without the term.
+            term: A term with modulations. Those without are in `terms`.
+            unit: Its constants, as a point of the unit cube.
+            barred: As in `offers`.
+        """
+        return sorted(self._other_forms(less, term, unit, barred), key=_by_score) if term.modulations else []
+
+    def _other_forms(self, less: Fit, term: Term, unit: Array, barred: frozenset[str]) -> Iterator[Offer]:
+        constants, kept = named(less.structure, less.unit[:, None]), unit[len(term.kind.constants) :]
+        there = [one.kind for one in less.structure.terms]
+        suited = (form for form in self.forms if all(form.group in part.fits for part in term.factors))
+        for form in suited:
+            if form.name in barred | {term.form} or not compatible(less.structure.apparatus, [*there, form]):
+                continue
+            other = Term(form.name, term.modulations)
+            samples = self._samples(len(form.constants))
+            fresh = [_sampled(bounds, samples, self.rng) for bounds in form.constants.values()]
+            units = np.vstack([*fresh, np.repeat(kept[:, None], samples, axis=1)])
+            values = _values(other, units)
+            if _linear(form):
+                values[next(iter(values))] = np.ones(samples)
+            columns = self.whitened.matrix @ self._column(other, constants, values, samples)
+            gains, sizes = self._gains(less, columns, np.array(_limits(form)))
+            best = int(np.argmax(gains))
+            units[0, best] = to_unit(_size(form), sizes[best]) if _linear(form) else units[0, best]
+            price = _CONSTANT * len(units) + PART * (1 + len(term.modulations))
+            yield float(gains[best]) - price, *changed(less, [*less.parts(), (other, units[:, best])])
+
     def _terms(self, node: Fit, barred: frozenset[str]) -> Iterator[Offer]:
         """Return terms to add, with their scores."""
         library, parts = self._columns(node), node.parts()
-        gains, sizes = self._gains(node, library.columns, library)
+        limits = np.array([_limits(term.kind) for term in library.terms])[library.entry]
+        gains, sizes = self._gains(node, library.columns, limits)
         forms = [term.kind for term in node.structure.terms]
         for entry, term in enumerate(library.terms):
             if barred & {term.form, *term.modulations} or not compatible(node.structure.apparatus, [*forms, term.kind]):
@@ -162,14 +195,20 @@ class Candidates:
                 units = _with_modulation(term, unit, part.name, fresh)
                 columns = self._column(more, constants, _values(more, units), samples)
                 columns = self.whitened.matrix @ columns
-                gains, _ = self._gains(node, columns, None)
+                gains, _ = self._gains(node, columns)
                 best = int(np.argmax(gains))
                 rest = parts[:at] + parts[at + 1 :]
                 price = _CONSTANT * len(part.constants) + PART
                 yield float(gains[best]) - price, *changed(node, [*rest, (more, units[:, best])])
 
-    def _gains(self, node: Fit, columns: Array, library: _Library | None) -> tuple[Array, Array]:
-        """Return each column's coefficient and decrease of chi-square in a fit with all constants of a law."""
+    def _gains(self, node: Fit, columns: Array, limits: Array | None = None) -> tuple[Array, Array]:
+        """Return each column's decrease of chi-square and coefficient in a fit with all constants of a law.
+
+        Args:
+            node: The fit of the law.
+            columns: Whitened changes of the ends of the legs.
+            limits: Smallest and largest coefficient of each column, or of all; None for any.
+        """
         rows = len(columns)
         basis = np.linalg.qr(node.slope[:rows])[0]
         left = node.misfits[:rows] - basis @ (basis.T @ node.misfits[:rows])
@@ -177,9 +216,8 @@ class Candidates:
         length = (columns**2).sum(axis=0) - ((basis.T @ columns) ** 2).sum(axis=0)
         length = np.maximum(length, 1e-6 * (columns**2).sum(axis=0) + _TINY)
         sizes = along / length
-        if library is not None:
-            limits = np.array([_limits(term.kind) for term in library.terms])
-            sizes = np.clip(sizes, limits[library.entry, 0], limits[library.entry, 1])
+        if limits is not None:
+            sizes = np.clip(sizes, limits[..., 0], limits[..., 1])
         return 2 * sizes * along - sizes**2 * length, sizes
 
     def _columns(self, node: Fit) -> _Library:

@@ -25,12 +25,11 @@ _OFFERS, _SWAPPED, _MERGED = 10, 6, 3
 """Number of candidates for an addition, for the replacement of a term or modulation, and for that of two terms."""
 _FITTED, _ENOUGH = 16, 5
 """Number of neighbours of a structure that are fitted, and number after which a better one ends the expansion."""
-_AGREED, _BARRED, _NARROW = 6, 0.6, 2
-"""Number of restarts without a change after which the search ends; share of the forms that a restart excludes; beam
-width of a restart."""
+_BARRED, _NARROW = 0.6, 2
+"""Share of the forms that a restart excludes, and its beam width."""
 _PLAIN = 0.5
 """Share of the restarts that begin without modulations."""
-_DEVIATIONS = 3.0
+_DEVIATIONS = 1.0
 """Largest excess of chi-square over its expected value, in standard deviations, of a fit that explains the readings."""
 _TOLD = 2
 """Number of times that the path is smoothed if the structure is known."""
@@ -77,21 +76,22 @@ class Search:
         """Run the search; returns the fitted structures of the grammar, best first.
 
         The search starts without modulations, because a wrong form with a modulation often hides the right form. It
-        restarts without some parts of the best structure until the result is stable, and again while the best structure
-        does not explain the readings.
+        restarts without some parts of the best structure until a restart finds no better one, and as long as the best
+        structure does not explain the readings. Every second restart, from the first on, also exchanges several parts
+        at once.
         """
         plain = frozenset(part.name for part in self._candidates.factors)
         self._descend([self.fit(*self._bare, 4)], self.width, plain, settle=True)
         self._descend(self.best(), self.width, frozenset(), settle=True)
-        agreed = 0
-        while (agreed < 1 or (agreed < _AGREED and not self.explained)) and not self.over:
-            before = self.best()[0]
+        agreed, wide = False, False
+        while not (agreed and self.explained) and not self.over:
+            before, wide = self.best()[0], not wide
             self._again(0.25)
             barred = frozenset(term.form for term in before.structure.terms if self._rng.random() < _BARRED)
             barred |= plain if self._rng.random() < _PLAIN else frozenset()
-            self._descend([self.fit(*self._bare, 4)], _NARROW, barred, settle=False)
-            self._descend(self.best(), self.width, frozenset(), settle=True)
-            agreed = agreed + 1 if self.best()[0].structure == before.structure else 0
+            self._descend([self.fit(*self._bare, 4)], _NARROW, barred, settle=False, wide=wide)
+            self._descend(self.best(), self.width, frozenset(), settle=True, wide=wide)
+            agreed = self.best()[0].structure == before.structure
         return [fit for fit in self.best() if not fit.structure.repeats] or self.best()
 
     def tell(self, structure: Structure, unit: Array) -> Fit:
@@ -122,7 +122,9 @@ class Search:
                 self.fit(structure, unit, _ROUNDS)
             self._again(1.0)
 
-    def _descend(self, roots: Sequence[Fit], width: int, barred: frozenset[str], *, settle: bool) -> None:
+    def _descend(
+        self, roots: Sequence[Fit], width: int, barred: frozenset[str], *, settle: bool, wide: bool = False
+    ) -> None:
         """Modify the best structures of a pool until no better one is found.
 
         Args:
@@ -130,6 +132,7 @@ class Search:
             width: Beam width.
             barred: Names of excluded forms and modulations.
             settle: Whether to linearise around the path of a structure that is clearly better.
+            wide: Whether a modification may exchange several parts, as `promising` describes.
         """
         pool: dict[Structure, Fit] = {fit.structure: fit for fit in roots}
         expanded = set[Structure]()
@@ -139,7 +142,7 @@ class Search:
             if node is None:
                 return
             expanded.add(node.structure)
-            for number, (structure, unit) in enumerate(self.promising(node, barred)):
+            for number, (structure, unit) in enumerate(self.promising(node, barred, wide=wide)):
                 if self.over or (number >= _ENOUGH and min(map(_score, pool.values())) < node.score - PART):
                     break
                 known = self.found.get(structure)
@@ -211,26 +214,37 @@ class Search:
         for fit in best:
             self.fit(fit.structure, fit.unit, 4)
 
-    def promising(self, node: Fit, barred: frozenset[str]) -> list[tuple[Structure, Array]]:
+    def promising(self, node: Fit, barred: frozenset[str], *, wide: bool = False) -> list[tuple[Structure, Array]]:
         """Return the neighbours with the best expected scores, the best first.
 
-        A neighbour has one part more or less, another term or modulation in place of one, or a term in place of two.
-        Unlike the structures of the grammar it may have a modulation twice: otherwise a modulation of a wrong term
-        could not be added to the right one.
+        A neighbour has one part more or less, or another term in place of one.
+
+        Args:
+            node: A fit.
+            barred: Names of excluded forms and modulations.
+            wide: Whether neighbours may also have another modulation or form in place of one, or a term in place of
+                two, and a modulation twice. Without the last, a modulation that a wrong term has could not be added to
+                the right one; structures of the grammar have each modulation once.
         """
         parts, propose = node.parts(), self._candidates
-        offers = propose.offers(node, barred)[:_OFFERS]
+
+        def shut(fit: Fit) -> frozenset[str]:
+            return barred if wide else barred | fit.structure.modulations
+
+        offers = propose.offers(node, shut(node))[:_OFFERS]
         found = [(node.score - gain, structure, start) for gain, structure, start in offers]
         for at, (term, unit) in enumerate(parts):
             rest = parts[:at] + parts[at + 1 :]
             for number in range(len(term.modulations)):
                 less = self._fitted(*changed(node, [*rest, plainer(term, unit, number)]))
-                found += _instead(less, propose.modulations(less, barred)[:_SWAPPED])
+                found += _instead(less, propose.modulations(less, barred)[:_SWAPPED] if wide else ())
             less = self._fitted(*changed(node, rest))
-            found += _instead(less, propose.offers(less, barred)[:_SWAPPED])
-            for other in range(at):
-                less = self._fitted(*changed(node, rest[:other] + rest[other + 1 :]))
-                found += _instead(less, propose.terms(less, barred)[:_MERGED])
+            found += _instead(less, propose.offers(less, shut(less))[:_SWAPPED])
+            if wide:
+                found += _instead(less, propose.other_forms(less, term, unit, barred)[:_SWAPPED])
+                for other in range(at):
+                    fewer = self._fitted(*changed(node, rest[:other] + rest[other + 1 :]))
+                    found += _instead(fewer, propose.terms(fewer, barred)[:_MERGED])
         different = dict[Structure, Array]()
         for _, structure, start in sorted(found, key=lambda offer: offer[0]):
             if structure != node.structure:

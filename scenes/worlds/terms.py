@@ -112,10 +112,14 @@ class Structure:
         return any("wear" in term.modulations for term in self.terms)
 
     @property
+    def modulations(self) -> frozenset[str]:
+        """Names of the modulations of all terms."""
+        return frozenset(name for term in self.terms for name in term.modulations)
+
+    @property
     def repeats(self) -> bool:
         """Whether a modulation occurs more than once. The grammar draws no such structure."""
-        names = [name for term in self.terms for name in term.modulations]
-        return len(set(names)) < len(names)
+        return len(self.modulations) < sum(len(term.modulations) for term in self.terms)
 
     @functools.cached_property
     def states(self) -> tuple[str, ...]:
