@@ -31,13 +31,16 @@ _PLAIN = 0.5
 """Share of the restarts that begin without modulations."""
 _DEVIATIONS = 1.0
 """Largest excess of chi-square over its expected value, in standard deviations, of a fit that explains the readings."""
+_REPEATED = 2 * PART
+"""Penalty of a structure that has a modulation twice, which the grammar does not draw."""
 _TOLD = 2
 """Number of times that the path is smoothed if the structure is known."""
 _POINTS, _STARTS, _TRIES = 400, 8, 4
 """For a structure with unknown constants: number of sampled points, number of them that are fitted, and number of
 repetitions."""
-_LEAST_DRIFT = 0.2
-"""Smallest model error in a search, in standard deviations of a reading, because transitions neglect hidden states."""
+_LEAST_DRIFT, _MOST_DRIFT = 0.2, 0.4
+"""Smallest model error in a search, in standard deviations of a reading, because transitions neglect hidden states; and
+largest model error of a fit that explains the readings."""
 
 
 @dataclass
@@ -155,10 +158,10 @@ class Search:
 
     @property
     def explained(self) -> bool:
-        """Return whether a structure of the grammar is best and explains the readings with the least model error."""
+        """Return whether a structure of the grammar is best and explains the readings almost without model error."""
         count, best = self.legs.course.count, self.best()[0]
         near = best.chi_square < count + _DEVIATIONS * float(np.sqrt(2 * count))
-        return near and self.legs.drift <= _LEAST_DRIFT and not best.structure.repeats
+        return near and self.legs.drift < _MOST_DRIFT and not best.structure.repeats
 
     @property
     def over(self) -> bool:
@@ -271,4 +274,5 @@ def _instead(less: Fit, offers: Sequence[Offer]) -> list[Offer]:
 
 
 def _score(fit: Fit) -> float:
-    return fit.score
+    """Return the score, with a penalty for a modulation that occurs twice."""
+    return fit.score + (_REPEATED if fit.structure.repeats else 0.0)
