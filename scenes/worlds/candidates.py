@@ -212,9 +212,9 @@ class Candidates:
         rows = len(columns)
         basis = np.linalg.qr(node.slope[:rows])[0]
         left = node.misfits[:rows] - basis @ (basis.T @ node.misfits[:rows])
-        along = columns.T @ left
-        length = (columns**2).sum(axis=0) - ((basis.T @ columns) ** 2).sum(axis=0)
-        length = np.maximum(length, 1e-6 * (columns**2).sum(axis=0) + _TINY)
+        *shared, along = np.vstack([basis.T, left]) @ columns
+        whole = np.einsum("ij,ij->j", columns, columns)
+        length = np.maximum(whole - (np.array(shared) ** 2).sum(axis=0), 1e-6 * whole + _TINY)
         sizes = along / length
         if limits is not None:
             sizes = np.clip(sizes, limits[..., 0], limits[..., 1])

@@ -16,10 +16,11 @@ from scenes.fitting import Array, refined
 from scenes.worlds.candidates import PART, Candidates, Fit, Offer, changed, expected_score, plainer, score_of
 from scenes.worlds.catalogue import forms_of, modulations_of
 from scenes.worlds.parts import Form, Modulation
-from scenes.worlds.terms import Structure
+from scenes.worlds.terms import Structure, Term
 from scenes.worlds.weak_form import Legs
 
-_ROUNDS = 8
+_ROUNDS, _REFITTED = 8, 2
+"""Iterations of a fit, and those of a law without a part, before another part is chosen in its place."""
 _SHIFT = 1e-4
 _OFFERS, _SWAPPED, _MERGED = 10, 6, 3
 """Number of candidates for an addition, for the replacement of a term or modulation, and for that of two terms."""
@@ -29,6 +30,8 @@ _BARRED, _NARROW = 0.6, 2
 """Share of the forms that a restart excludes, and its beam width."""
 _PLAIN = 0.5
 """Share of the restarts that begin without modulations."""
+_AGREED = 3
+"""Number of consecutive restarts that must find no better structure."""
 _DEVIATIONS = 1.0
 """Largest excess of chi-square over its expected value, in standard deviations, of a fit that explains the readings."""
 _REPEATED = 2 * PART
@@ -79,22 +82,22 @@ class Search:
         """Run the search; returns the fitted structures of the grammar, best first.
 
         The search starts without modulations, because a wrong form with a modulation often hides the right form. It
-        restarts without some parts of the best structure until a restart finds no better one, and as long as the best
-        structure does not explain the readings. Every second restart, from the first on, also exchanges several parts
-        at once.
+        restarts without some parts of the best structure until several restarts in a row find no better one, and as
+        long as the best structure does not explain the readings. Every second restart, from the first on, also
+        exchanges several parts at once.
         """
         plain = frozenset(part.name for part in self._candidates.factors)
         self._descend([self.fit(*self._bare, 4)], self.width, plain, settle=True)
         self._descend(self.best(), self.width, frozenset(), settle=True)
-        agreed, wide = False, False
-        while not (agreed and self.explained) and not self.over:
+        agreed, wide = 0, False
+        while not (agreed >= _AGREED and self.explained) and not self.over:
             before, wide = self.best()[0], not wide
             self._again(0.25)
             barred = frozenset(term.form for term in before.structure.terms if self._rng.random() < _BARRED)
             barred |= plain if self._rng.random() < _PLAIN else frozenset()
             self._descend([self.fit(*self._bare, 4)], _NARROW, barred, settle=False, wide=wide)
             self._descend(self.best(), self.width, frozenset(), settle=True, wide=wide)
-            agreed = self.best()[0].structure == before.structure
+            agreed = agreed + 1 if self.best()[0].structure == before.structure else 0
         return [fit for fit in self.best() if not fit.structure.repeats] or self.best()
 
     def tell(self, structure: Structure, unit: Array) -> Fit:
@@ -174,16 +177,20 @@ class Search:
 
     def fit(self, structure: Structure, unit: Array, rounds: int) -> Fit:
         """Fit a structure from a point, and store the fit if it is the best one of the structure."""
+        self.tried += 1
+        fit = self._refined(structure, unit, rounds)
+        if structure not in self.found or fit.score < self.found[structure].score:
+            self.found[structure] = fit
+        return fit
+
+    def _refined(self, structure: Structure, unit: Array, rounds: int) -> Fit:
+        """Fit a structure from a point."""
         whitened = self._whitened
 
         def misfits(units: Array) -> Array:
             return whitened.misfits(structure, units)
 
-        self.tried += 1
-        fit = self._fitted(structure, refined(misfits, np.clip(unit, -0.1, 1.1), rounds))
-        if structure not in self.found or fit.score < self.found[structure].score:
-            self.found[structure] = fit
-        return fit
+        return self._fitted(structure, refined(misfits, np.clip(unit, -0.1, 1.1), rounds))
 
     def _fitted(self, structure: Structure, unit: Array) -> Fit:
         """Return the fit object of a structure at given constants, without optimising them."""
@@ -227,21 +234,25 @@ class Search:
             barred: Names of excluded forms and modulations.
             wide: Whether neighbours may also have another modulation or form in place of one, or a term in place of
                 two, and a modulation twice. Without the last, a modulation that a wrong term has could not be added to
-                the right one; structures of the grammar have each modulation once.
+                the right one; structures of the grammar have each modulation once. The law without a part is then
+                refitted before another part is chosen, because the score test is accurate only for small residuals.
         """
-        parts, propose = node.parts(), self._candidates
+        parts, propose, rounds = node.parts(), self._candidates, _REFITTED if wide else 0
 
         def shut(fit: Fit) -> frozenset[str]:
             return barred if wide else barred | fit.structure.modulations
+
+        def without(kept: Sequence[tuple[Term, Array]]) -> Fit:
+            return self._refined(*changed(node, kept), rounds)
 
         offers = propose.offers(node, shut(node))[:_OFFERS]
         found = [(node.score - gain, structure, start) for gain, structure, start in offers]
         for at, (term, unit) in enumerate(parts):
             rest = parts[:at] + parts[at + 1 :]
             for number in range(len(term.modulations)):
-                less = self._fitted(*changed(node, [*rest, plainer(term, unit, number)]))
+                less = without([*rest, plainer(term, unit, number)])
                 found += _instead(less, propose.modulations(less, barred)[:_SWAPPED] if wide else ())
-            less = self._fitted(*changed(node, rest))
+            less = without(rest)
             found += _instead(less, propose.offers(less, shut(less))[:_SWAPPED])
             if wide:
                 found += _instead(less, propose.other_forms(less, term, unit, barred)[:_SWAPPED])

@@ -144,6 +144,17 @@ def test_a_change_of_two_parts_is_among_those_that_are_fitted(
     assert wanted in [changed for changed, _ in search.promising(node, frozenset(), wide=True)]
 
 
+def test_a_law_is_refitted_without_a_part_before_another_is_chosen() -> None:
+    def brake(*modulations: str) -> Structure:
+        return Structure(Apparatus.WHEEL, (Term("dry friction", modulations), Term("ratchet"), Term("slope")))
+
+    true, begun = brake("step", "wear"), brake("fading", "step")
+    constants, told = draw_constants(true, random.Random(5)), told_of(true)
+    search = Search(Legs.of(simulated(true, constants, told, 3), told))
+    node = search.fit(begun, np.full(len(begun.ranges), 0.5), 8)
+    assert true in [changed for changed, _ in search.promising(node, frozenset(), wide=True)]
+
+
 def test_the_search_returns_structures_of_the_grammar() -> None:
     true, _, repeated = CHANGES["a modulation that another term has"]
     assert repeated.repeats
