@@ -1,7 +1,10 @@
 """Predicts the answers to a world's questions from pushes and readings, with their uncertainty.
 
 The search of `scenes.worlds.search` finds structures. The best ones are fitted to all legs in sequence and weighted by
-their evidence, and each predicts with samples of the constants that the readings allow.
+their evidence, and each predicts with samples of the constants that the readings allow. If no structure explains the readings,
+the law is unknown, and all variances are multiplied by the reduced chi-square.
+
+Source: R. T. Birge, The calculation of errors by the method of least squares, Phys. Rev. 40, 207 (1932).
 """
 
 from collections.abc import Sequence
@@ -96,8 +99,10 @@ def weighed(search: Search, best: Sequence[Fit], asked: Sequence[Question]) -> P
         kept = [fit for fit in best[:_KEPT] if fit.score < best[0].score + _BEHIND]
         fits = [on_course(search.legs.course, search.legs.told, fit) for fit in kept]
     fits.sort(key=lambda fit: fit.score)
-    weights = np.exp(-0.5 * np.array([fit.score - fits[0].score for fit in fits]))
-    drawn = [plausible(fit, asked, _DRAWS) for fit in fits]
+    reduced = fits[0].chi_square / max(search.legs.course.count - len(fits[0].unit), 1)
+    variance = reduced if reduced > EXPLAINED else 1.0
+    weights = np.exp(-0.5 * np.array([fit.score - fits[0].score for fit in fits]) / variance)
+    drawn = [plausible(fit, asked, _DRAWS, variance) for fit in fits]
     share = np.concatenate([np.full(one.shape[1], weight) for one, weight in zip(drawn, weights, strict=True)])
     found, share = np.hstack(drawn), share / share.sum()
     best_answers = drawn[0][:, 0]
@@ -105,7 +110,7 @@ def weighed(search: Search, best: Sequence[Fit], asked: Sequence[Question]) -> P
         np.array([_likeliest(row, share, at) for row, at in zip(found, best_answers, strict=True)]),
         np.array([_quantile(row, share, 0.025) for row in found]),
         np.array([_quantile(row, share, 0.975) for row in found]),
-        fits[0].chi_square / max(search.legs.course.count - len(fits[0].unit), 1),
+        reduced,
         dict(zip((fit.structure for fit in fits), (float(w) for w in weights / weights.sum()), strict=True)),
         search.tried,
         (fits[0].structure, constants_of(fits[0])),
@@ -144,9 +149,19 @@ def on_course(course: Course, told: Situation, fit: Fit, longest_s: float = COUR
     return Fit(structure, unit, float(around[:, 0] @ around[:, 0]), score, around[:, 0], slope)
 
 
-def plausible(fit: Fit, asked: Sequence[Question], count: int) -> Array:
-    """Return answers for the best constants, then for samples that the readings allow. Shape (questions, 1 + count)."""
-    normal = fit.slope.T @ fit.slope + np.eye(len(fit.unit))
+def plausible(fit: Fit, asked: Sequence[Question], count: int, variance: float = 1.0) -> Array:
+    """Return answers for the best constants, then for samples that the readings allow.
+
+    Args:
+        fit: A fit to all legs in sequence.
+        asked: The questions.
+        count: Number of samples.
+        variance: Variance of the readings, relative to that of their noise.
+
+    Returns:
+        Shape (questions, 1 + count).
+    """
+    normal = fit.slope.T @ fit.slope / variance + np.eye(len(fit.unit))
     values, axes = np.linalg.eigh(normal)
     drawn = np.random.default_rng(0).standard_normal((count, len(values))) / np.sqrt(np.maximum(values, 1e-9)) @ axes.T
     units = np.column_stack([fit.unit[:, None], np.clip(fit.unit + drawn, -0.1, 1.1).T])

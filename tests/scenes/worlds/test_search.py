@@ -21,7 +21,7 @@ from scenes.worlds.expansion import expand
 from scenes.worlds.experiment import Situation, simulated
 from scenes.worlds.levels import GRAMMAR
 from scenes.worlds.parts import Apparatus
-from scenes.worlds.predictions import on_course, predicted, searched_course
+from scenes.worlds.predictions import on_course, plausible, predicted, searched_course
 from scenes.worlds.questions import Question, tolerance
 from scenes.worlds.records import WorldRecord
 from scenes.worlds.reference import blind_protocol
@@ -222,6 +222,14 @@ def test_a_known_structure_is_fitted_with_nothing_known_of_its_constants(name: s
     fit = on_course(course, told, Search(Legs.of(course, told)).solve(structure))
     key, found = (answers(structure, one, asked, 0.02)[:, 0] for one in (constants, constants_of(fit)))
     assert (np.abs(found - key) <= tolerance(key)).all()
+
+
+def test_intervals_widen_with_the_assumed_error_of_the_readings() -> None:
+    structure, told = STRUCTURES["pair"], told_of(STRUCTURES["pair"])
+    course = simulated(structure, draw_constants(structure, random.Random(4)), told, 1)
+    fit, asked = on_course(course, told, Search(Legs.of(course, told)).solve(structure)), questions(Apparatus.PAIR)
+    spread, doubled = (plausible(fit, asked, 400, variance).std(axis=1) for variance in (1.0, 4.0))
+    assert doubled == pytest.approx(2 * spread, rel=0.02)
 
 
 def test_a_search_without_the_right_form_knows_that_it_does_not_know() -> None:
