@@ -1,8 +1,8 @@
 """Predicts the answers to a world's questions from pushes and readings, with their uncertainty.
 
 The search of `scenes.worlds.search` finds structures. The best ones are fitted to all legs in sequence and weighted by
-their evidence, and each predicts with samples of the constants that the readings allow. If no structure explains the readings,
-the law is unknown, and all variances are multiplied by the reduced chi-square.
+their evidence, and each predicts with samples of the constants that the readings allow. If no structure explains the
+readings, the variances of the readings are multiplied by the reduced chi-square of the best one.
 
 Source: R. T. Birge, The calculation of errors by the method of least squares, Phys. Rev. 40, 207 (1932).
 """
