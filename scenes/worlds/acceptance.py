@@ -17,12 +17,12 @@ from scenes.fitting import Array
 from scenes.worlds.answering import answers, answers_without_parts, gradients
 from scenes.worlds.asking import Flags, covering, drawn, nearby
 from scenes.worlds.candidates import Fit
+from scenes.worlds.course_fits import on_course
 from scenes.worlds.drawing import draw_constants, draw_structure
 from scenes.worlds.experiment import SEARCH_S, Situation, laws_of_fit, on_unit, retraced, simulated
 from scenes.worlds.instrument_errors import draw_errors
 from scenes.worlds.levels import Difficulty
 from scenes.worlds.parts import Apparatus
-from scenes.worlds.predictions import on_course
 from scenes.worlds.questions import Question, tolerance
 from scenes.worlds.refits import Refits, constants_of, units_of
 from scenes.worlds.rivals import mistakable, removable, rival_of

@@ -8,29 +8,28 @@ Source: R. T. Birge, The calculation of errors by the method of least squares, P
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from scenes.course_record import Course
-from scenes.fitting import Array, refined
+from scenes.fitting import Array
 from scenes.worlds.answering import answers
-from scenes.worlds.candidates import Fit, score_of
-from scenes.worlds.experiment import COURSE_S, Situation, course_misfits, laws_of_fit
+from scenes.worlds.candidates import Fit
+from scenes.worlds.course_fits import on_course
+from scenes.worlds.experiment import Situation
 from scenes.worlds.questions import Question, tolerance
 from scenes.worlds.refits import constants_of
 from scenes.worlds.search import Search
 from scenes.worlds.terms import Structure
-from scenes.worlds.weak_form import Legs, box_of, named
+from scenes.worlds.weak_form import Legs, named
 
 EXPLAINED = 1.7
 """Largest reduced chi-square for which the reference reports that it knows the law."""
 _KEPT, _BEHIND = 6, 20.0
 """Largest number of structures that are fitted to the whole course, and limit of their scores above the best score."""
-_ROUNDS = 4
 _DRAWS = 120
 """Number of predictions of each structure."""
-_SHIFT = 1e-4
 _STEP_S = 0.04
 
 
@@ -131,22 +130,6 @@ def _likeliest(found: Array, share: Array, first: float) -> float:
     mass = near @ share
     best, own = int(np.argmax(mass)), float(share[np.abs(values - first) <= tolerance(np.array(first))].sum())
     return float(values[best]) if mass[best] > own + 0.1 else float(first)
-
-
-def on_course(course: Course, told: Situation, fit: Fit, longest_s: float = COURSE_S) -> Fit:
-    """Return a fit to all legs in sequence, integrated from the initial state."""
-    structure = fit.structure
-    box = {name: box_of(bounds) for name, bounds in structure.ranges.items()}
-    laws = replace(laws_of_fit(structure, told, longest_s), box=box)
-
-    def misfits(units: Array) -> Array:
-        return course_misfits(structure, told, laws, course, units)
-
-    unit = refined(misfits, fit.unit, _ROUNDS)
-    around = misfits(unit[:, None] + _SHIFT * np.column_stack([np.zeros(len(unit)), np.eye(len(unit))]))
-    slope = (around[:, 1:] - around[:, :1]) / _SHIFT
-    score = score_of(structure, around[:, 0], slope)
-    return Fit(structure, unit, float(around[:, 0] @ around[:, 0]), score, around[:, 0], slope)
 
 
 def plausible(fit: Fit, asked: Sequence[Question], count: int, variance: float = 1.0) -> Array:

@@ -13,10 +13,11 @@ from scenes.course_record import Course
 from scenes.fitting import Array
 from scenes.protocol import Call, Protocol, Reading, answer, call, with_law
 from scenes.worlds.answering import answers
+from scenes.worlds.course_fits import on_course
 from scenes.worlds.experiment import LOOK_S, LOOKS, SEARCH_S, Excitation, Situation
 from scenes.worlds.packs import law_of
 from scenes.worlds.parts import Apparatus
-from scenes.worlds.predictions import Prediction, on_course, predicted, searched_course
+from scenes.worlds.predictions import Prediction, predicted, searched_course
 from scenes.worlds.records import WorldRecord
 from scenes.worlds.refits import constants_of
 from scenes.worlds.search import Search

@@ -21,9 +21,9 @@ from scenes.fitting import Array, refined
 from scenes.worlds.answering import answers
 from scenes.worlds.candidates import Fit
 from scenes.worlds.catalogue import FORMS, MODULATIONS
+from scenes.worlds.course_fits import on_course
 from scenes.worlds.drawing import draw_constants
 from scenes.worlds.experiment import SEARCH_S, course_misfits, laws_of_fit, on_unit
-from scenes.worlds.predictions import on_course
 from scenes.worlds.questions import Question, tolerance
 from scenes.worlds.refits import WORSE, Refits, constants_of
 from scenes.worlds.terms import Structure, Term

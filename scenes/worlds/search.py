@@ -15,6 +15,7 @@ import numpy as np
 from scenes.fitting import Array, refined
 from scenes.worlds.candidates import PART, Candidates, Fit, Offer, changed, expected_score, plainer, score_of
 from scenes.worlds.catalogue import forms_of, modulations_of
+from scenes.worlds.course_fits import on_course
 from scenes.worlds.parts import Form, Modulation
 from scenes.worlds.terms import Structure, Term
 from scenes.worlds.weak_form import Legs
@@ -83,14 +84,14 @@ class Search:
 
         The search starts without modulations, because a wrong form with a modulation often hides the right form. It
         restarts without some parts of the best structure until several restarts in a row find no better one, and as
-        long as the best structure does not explain the readings. Every second restart, from the first on, also
-        exchanges several parts at once.
+        long as the best structure does not explain the readings, leg by leg and in sequence. Every second restart, from
+        the first on, also exchanges several parts at once.
         """
         plain = frozenset(part.name for part in self._candidates.factors)
         self._descend([self.fit(*self._bare, 4)], self.width, plain, settle=True)
         self._descend(self.best(), self.width, frozenset(), settle=True)
         agreed, wide = 0, False
-        while not (agreed >= _AGREED and self.explained) and not self.over:
+        while not (agreed >= _AGREED and self.explained and self.confirmed) and not self.over:
             before, wide = self.best()[0], not wide
             self._again(0.25)
             barred = frozenset(term.form for term in before.structure.terms if self._rng.random() < _BARRED)
@@ -162,9 +163,18 @@ class Search:
     @property
     def explained(self) -> bool:
         """Return whether a structure of the grammar is best and explains the readings almost without model error."""
-        count, best = self.legs.course.count, self.best()[0]
-        near = best.chi_square < count + _DEVIATIONS * float(np.sqrt(2 * count))
+        best = self.best()[0]
+        near = _expected(best, self.legs.course.count)
         return near and self.legs.drift < _MOST_DRIFT and not best.structure.repeats
+
+    @property
+    def confirmed(self) -> bool:
+        """Return whether the best structure also explains the readings if it is fitted to all legs in sequence.
+
+        A fit leg by leg may explain readings by a model error that is small in every leg but has the same sign in many.
+        """
+        fit = on_course(self.legs.course, self.legs.told, self.best()[0])
+        return _expected(fit, max(self.legs.course.count - len(fit.unit), 1))
 
     @property
     def over(self) -> bool:
@@ -282,6 +292,11 @@ def _instead(less: Fit, offers: Sequence[Offer]) -> list[Offer]:
     """Return a structure that lacks a part, and those with another part in its place, with their expected scores."""
     score = expected_score(less)
     return [(score, less.structure, less.unit), *((score - gain, added, unit) for gain, added, unit in offers)]
+
+
+def _expected(fit: Fit, mean: int) -> bool:
+    """Return whether chi-square is not much larger than its expected value."""
+    return fit.chi_square < mean + _DEVIATIONS * float(np.sqrt(2 * mean))
 
 
 def _score(fit: Fit) -> float:

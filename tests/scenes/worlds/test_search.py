@@ -16,12 +16,13 @@ from scenes.errors import WorldError
 from scenes.protocol import ANSWER
 from scenes.worlds.answering import answers
 from scenes.worlds.catalogue import FORMS
+from scenes.worlds.course_fits import on_course
 from scenes.worlds.drawing import draw_constants
 from scenes.worlds.expansion import expand
 from scenes.worlds.experiment import Situation, simulated
 from scenes.worlds.levels import GRAMMAR
 from scenes.worlds.parts import Apparatus
-from scenes.worlds.predictions import on_course, plausible, predicted, searched_course
+from scenes.worlds.predictions import plausible, predicted, searched_course
 from scenes.worlds.questions import Question, tolerance
 from scenes.worlds.records import WorldRecord
 from scenes.worlds.reference import blind_protocol
