@@ -160,7 +160,8 @@ def test_the_search_returns_structures_of_the_grammar() -> None:
     true, _, repeated = CHANGES["a modulation that another term has"]
     assert repeated.repeats
     assert not true.repeats
-    search = Search(Legs.of(simulated(true, draw_constants(true, random.Random(4)), told_of(true), 3), told_of(true)))
+    course = simulated(true, draw_constants(true, random.Random(4)), told_of(true), 3)
+    search = Search(Legs.of(course, told_of(true)), seconds=5.0)
     assert not any(fit.structure.repeats for fit in search.run())
 
 
