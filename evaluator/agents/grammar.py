@@ -5,6 +5,8 @@ It is separate from `reference` because its search imports SciPy, which no other
 
 from dataclasses import dataclass, field, replace
 
+from anyio import to_thread
+
 from evaluator.agents.reference import ProtocolPlayer
 from evaluator.episode.player import Briefing, Feedback, Reply
 from evaluator.records.episode import EpisodeKey
@@ -45,10 +47,12 @@ class _GrammarPlayer:
     async def act(self, feedback: Feedback | None) -> Reply:
         """Return the next batch of calls, or the answer with a description of the law that explains the readings.
 
+        The search runs in a thread, because it would otherwise block the event loop for up to `seconds`.
+
         Raises:
             AgentError: The prompt is not that of a grammar world.
         """
-        reply = await self.player.act(feedback)
+        reply = await to_thread.run_sync(self.player.reply, feedback, abandon_on_cancel=True)
         if self.predictions and any(call.tool == ANSWER for call in reply.calls):
             return replace(reply, reasoning=self.predictions[-1].says())
         return reply

@@ -36,6 +36,14 @@ class ProtocolPlayer:
         Raises:
             AgentError: The protocol raised an exception.
         """
+        return self.reply(feedback)
+
+    def reply(self, feedback: Feedback | None) -> Reply:
+        """Do the same as `act` outside of an event loop, for example in a thread.
+
+        Raises:
+            AgentError: The protocol raised an exception.
+        """
         try:
             if feedback is None:
                 calls = next(self.protocol)

@@ -12,17 +12,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from scenes.course_record import Course
 from scenes.fitting import Array
 from scenes.worlds.answering import answers
 from scenes.worlds.candidates import Fit
 from scenes.worlds.course_fits import on_course
-from scenes.worlds.experiment import Situation
 from scenes.worlds.questions import Question, tolerance
 from scenes.worlds.refits import constants_of
 from scenes.worlds.search import Search
 from scenes.worlds.terms import Structure
-from scenes.worlds.weak_form import Legs, named
+from scenes.worlds.weak_form import named
 
 EXPLAINED = 1.7
 """Largest reduced chi-square for which the reference reports that it knows the law."""
@@ -151,14 +149,3 @@ def plausible(fit: Fit, asked: Sequence[Question], count: int, variance: float =
     with np.errstate(all="ignore"):
         found = answers(fit.structure, named(fit.structure, units), asked, _STEP_S)
     return np.where(np.isfinite(found), np.clip(found, -1e6, 1e6), 1e6)
-
-
-def searched_course(course: Course, told: Situation, seconds: float = 60.0) -> Search:
-    """Create the reference agent's search for the terms that explain the readings.
-
-    Args:
-        course: Pushes and readings.
-        told: The apparatus and its instruments.
-        seconds: Processor time after which the search stops [s].
-    """
-    return Search(Legs.of(course, told), seconds=seconds)

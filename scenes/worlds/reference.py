@@ -17,7 +17,7 @@ from scenes.worlds.course_fits import on_course
 from scenes.worlds.experiment import LOOK_S, LOOKS, SEARCH_S, Excitation, Situation
 from scenes.worlds.packs import law_of
 from scenes.worlds.parts import Apparatus
-from scenes.worlds.predictions import Prediction, predicted, searched_course
+from scenes.worlds.predictions import Prediction, predicted
 from scenes.worlds.records import WorldRecord
 from scenes.worlds.refits import constants_of
 from scenes.worlds.search import Search
@@ -36,7 +36,7 @@ _SEED = 5
 """Seed of the pushes, which differs from the certificate's."""
 _ASKS_FOR_LAW = "In the argument `law` of `answer`"
 """Words of the opening prompt of a scene in which a law may be stated with the answer."""
-SEARCH_SECONDS = 60.0
+SEARCH_SECONDS = 120.0
 """Processor time of the search for the terms [s]."""
 
 
@@ -74,7 +74,7 @@ def blind_protocol(
     """
     told, asked = situation_of(prompt), questions_of(prompt)
     course = yield from _explored(told)
-    prediction = predicted(searched_course(course, told, seconds), asked)
+    prediction = predicted(Search(Legs.of(course, told), seconds=seconds), asked)
     if on_predicted is not None:
         on_predicted(prediction)
     yield [_answered(prompt, prediction.answer, *prediction.law)]

@@ -54,7 +54,7 @@ class Search:
     Attributes:
         legs: The pushes and readings, by legs.
         width: Beam width.
-        seconds: Processor time after which the search stops [s].
+        seconds: Processor time of the calling thread after which the search stops [s].
         forms: Forms that may occur; None for all of the apparatus.
         modulations: Modulations that may occur; None for all of the apparatus.
         seed: Seed of sampled constants.
@@ -62,7 +62,7 @@ class Search:
 
     legs: Legs
     width: int = 5
-    seconds: float = 60.0
+    seconds: float = 120.0
     forms: Sequence[Form] | None = None
     modulations: Sequence[Modulation] | None = None
     seed: int = 0
@@ -74,7 +74,7 @@ class Search:
     """Number of fits."""
 
     def __post_init__(self) -> None:
-        self._rng, self._begun = np.random.default_rng(self.seed), time.process_time()
+        self._rng, self._begun = np.random.default_rng(self.seed), time.thread_time()
         bare = Structure(self.legs.told.apparatus, (), self.legs.told.radius)
         self._bare = bare, np.full(bare.bodies, 0.5)
         self._about(self.legs, *(self.about or self._bare))
@@ -179,7 +179,7 @@ class Search:
     @property
     def over(self) -> bool:
         """Whether the processor time of the search is used up."""
-        return time.process_time() - self._begun > self.seconds
+        return time.thread_time() - self._begun > self.seconds
 
     def best(self) -> list[Fit]:
         """Return all fitted structures, best first."""

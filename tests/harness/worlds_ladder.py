@@ -157,7 +157,7 @@ def main() -> int:
     parser.add_argument("--levels", type=int, nargs="+", default=list(LEVELS))
     parser.add_argument("--count", type=int, default=20, help="worlds of a level (default 20)")
     parser.add_argument("--references", nargs="+", choices=list(REFERENCES), default=list(REFERENCES))
-    parser.add_argument("--seconds", type=float, default=60.0, help="processor time of a search (default 60)")
+    parser.add_argument("--seconds", type=float, default=120.0, help="processor time of a search (default 120)")
     parser.add_argument("--out", type=Path, default=Path("worlds-ladder.jsonl"))
     args = parser.parse_args()
     done = {(line["record"], line["reference"]) for line in read_lines(args.out)}

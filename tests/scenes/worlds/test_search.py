@@ -1,19 +1,22 @@
 """Tests of the reference that knows only the grammar: it parses the prompt, finds terms, and predicts."""
 
 import random
+import threading
 from dataclasses import replace
 from pathlib import Path
 
+import anyio
+import anyio.lowlevel
 import numpy as np
 import pytest
 
 import physment_mcp
 from evaluator.agents.grammar import GrammarAgent
-from evaluator.episode.player import Briefing
+from evaluator.episode.player import Briefing, Reply
 from evaluator.errors import AgentError
 from evaluator.records.episode import EpisodeKey
 from scenes.errors import WorldError
-from scenes.protocol import ANSWER
+from scenes.protocol import ANSWER, Protocol, call
 from scenes.worlds.answering import answers
 from scenes.worlds.catalogue import FORMS
 from scenes.worlds.course_fits import on_course
@@ -22,7 +25,7 @@ from scenes.worlds.expansion import expand
 from scenes.worlds.experiment import Situation, simulated
 from scenes.worlds.levels import GRAMMAR
 from scenes.worlds.parts import Apparatus
-from scenes.worlds.predictions import plausible, predicted, searched_course
+from scenes.worlds.predictions import plausible, predicted
 from scenes.worlds.questions import Question, tolerance
 from scenes.worlds.records import WorldRecord
 from scenes.worlds.reference import blind_protocol
@@ -206,7 +209,8 @@ def test_terms_are_found_and_predict() -> None:
     structure = Structure(Apparatus.WHEEL, (Term("dry friction"), Term("shaker", ("timid",))))
     constants, told = draw_constants(structure, random.Random(4)), told_of(structure)
     asked = questions(Apparatus.WHEEL)
-    found = predicted(searched_course(simulated(structure, constants, told, 1), told, 20.0), asked)
+    search = Search(Legs.of(simulated(structure, constants, told, 1), told), seconds=20.0)
+    found = predicted(search, asked)
     key = answers(structure, constants, asked, 0.02)[:, 0]
     assert max(found.structures, key=lambda one: found.structures[one]) == structure
     assert (np.abs(found.answer - key) <= tolerance(key)).all()
@@ -264,3 +268,24 @@ async def test_a_task_of_no_world_is_refused() -> None:
     player = GrammarAgent().player(key, Briefing("How heavy is the ball?", (), 20, {}))
     with pytest.raises(AgentError, match="not one of a world"):
         await player.act(None)
+
+
+@pytest.mark.anyio
+async def test_the_event_loop_runs_while_the_agent_searches(monkeypatch: pytest.MonkeyPatch) -> None:
+    allowed, replies = threading.Event(), list[Reply]()
+
+    def searching(*_: object) -> Protocol:
+        assert allowed.wait(10), "the event loop does not run"
+        yield [call(ANSWER, answer=1.0)]
+
+    monkeypatch.setattr("evaluator.agents.grammar.blind_protocol", searching)
+    player = GrammarAgent().player(EpisodeKey(scene=7, seed=0, agent="grammar", budget=20), Briefing("", (), 20, {}))
+
+    async def act() -> None:
+        replies.append(await player.act(None))
+
+    async with anyio.create_task_group() as group:
+        group.start_soon(act)
+        await anyio.lowlevel.checkpoint()
+        allowed.set()
+    assert [one.tool for one in replies[0].calls] == [ANSWER]
