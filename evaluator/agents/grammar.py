@@ -4,8 +4,9 @@ It is separate from `reference` because its search imports SciPy, which no other
 """
 
 from dataclasses import dataclass, field, replace
+from threading import Event
 
-from anyio import to_thread
+from anyio import get_cancelled_exc_class, to_thread
 
 from evaluator.agents.reference import ProtocolPlayer
 from evaluator.episode.player import Briefing, Feedback, Reply
@@ -36,23 +37,29 @@ class _GrammarPlayer:
     prompt: str
     player: ProtocolPlayer = field(init=False)
     predictions: list[Prediction] = field(default_factory=list[Prediction])
+    halted: Event = field(default_factory=Event)
 
     def __post_init__(self) -> None:
         def solve(prompt: str) -> Protocol:
             """Generate calls that push each movable body towards many positions with many forces, and read it."""
-            return blind_protocol(prompt, self.seconds, self.predictions.append)
+            return blind_protocol(prompt, self.seconds, self.predictions.append, self.halted)
 
         self.player = ProtocolPlayer(solve, self.prompt)
 
     async def act(self, feedback: Feedback | None) -> Reply:
         """Return the next batch of calls, or the answer with a description of the law that explains the readings.
 
-        The search runs in a thread, because it would otherwise block the event loop for up to `seconds`.
+        The search runs in a thread, because it would otherwise block the event loop for up to `seconds`. The program
+        ends when its threads have ended, so a cancelled search is stopped.
 
         Raises:
             AgentError: The prompt is not that of a grammar world.
         """
-        reply = await to_thread.run_sync(self.player.reply, feedback, abandon_on_cancel=True)
+        try:
+            reply = await to_thread.run_sync(self.player.reply, feedback, abandon_on_cancel=True)
+        except get_cancelled_exc_class():
+            self.halted.set()
+            raise
         if self.predictions and any(call.tool == ANSWER for call in reply.calls):
             return replace(reply, reasoning=self.predictions[-1].says())
         return reply

@@ -6,6 +6,7 @@ grammar.
 """
 
 from collections.abc import Callable, Generator, Mapping
+from threading import Event
 
 import numpy as np
 
@@ -60,7 +61,10 @@ def protocol(line: str) -> Callable[[str], Protocol]:
 
 
 def blind_protocol(
-    prompt: str, seconds: float = SEARCH_SECONDS, on_predicted: Callable[[Prediction], None] | None = None
+    prompt: str,
+    seconds: float = SEARCH_SECONDS,
+    on_predicted: Callable[[Prediction], None] | None = None,
+    halted: Event | None = None,
 ) -> Protocol:
     """Return the reference protocol that knows only the grammar and the prompt, not the structure.
 
@@ -68,13 +72,14 @@ def blind_protocol(
         prompt: The opening prompt of a world.
         seconds: Processor time of the search [s].
         on_predicted: Callback with the prediction, before the answer is sent.
+        halted: Event by which another thread stops the search; the answer is then that of the best law so far.
 
     Raises:
         WorldError: The prompt is not that of a world, or has a question that cannot be parsed.
     """
     told, asked = situation_of(prompt), questions_of(prompt)
     course = yield from _explored(told)
-    prediction = predicted(Search(Legs.of(course, told), seconds=seconds), asked)
+    prediction = predicted(Search(Legs.of(course, told), seconds=seconds, halted=halted or Event()), asked)
     if on_predicted is not None:
         on_predicted(prediction)
     yield [_answered(prompt, prediction.answer, *prediction.law)]

@@ -9,6 +9,7 @@ evidence, which penalises constants and parts.
 import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
+from threading import Event
 
 import numpy as np
 
@@ -58,6 +59,7 @@ class Search:
         forms: Forms that may occur; None for all of the apparatus.
         modulations: Modulations that may occur; None for all of the apparatus.
         seed: Seed of sampled constants.
+        halted: Event by which another thread stops the search.
     """
 
     legs: Legs
@@ -66,6 +68,7 @@ class Search:
     forms: Sequence[Form] | None = None
     modulations: Sequence[Modulation] | None = None
     seed: int = 0
+    halted: Event = field(default_factory=Event)
     about: tuple[Structure, Array] | None = None
     """Law from which the transitions of the first fits are computed; None for a law without terms."""
     found: dict[Structure, Fit] = field(default_factory=dict[Structure, Fit])
@@ -178,8 +181,8 @@ class Search:
 
     @property
     def over(self) -> bool:
-        """Whether the processor time of the search is used up."""
-        return time.thread_time() - self._begun > self.seconds
+        """Whether the processor time of the search is used up, or another thread stopped it."""
+        return self.halted.is_set() or time.thread_time() - self._begun > self.seconds
 
     def best(self) -> list[Fit]:
         """Return all fitted structures, best first."""

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import anyio
 import anyio.lowlevel
+import anyio.to_thread
 import numpy as np
 import pytest
 
@@ -289,3 +290,32 @@ async def test_the_event_loop_runs_while_the_agent_searches(monkeypatch: pytest.
         await anyio.lowlevel.checkpoint()
         allowed.set()
     assert [one.tool for one in replies[0].calls] == [ANSWER]
+
+
+@pytest.mark.anyio
+async def test_a_cancelled_agent_stops_its_search(monkeypatch: pytest.MonkeyPatch) -> None:
+    begun, stopped = threading.Event(), threading.Event()
+
+    def searching(_prompt: str, _seconds: float, _told: object, halted: threading.Event) -> Protocol:
+        begun.set()
+        if halted.wait(10):
+            stopped.set()
+        yield [call(ANSWER, answer=1.0)]
+
+    monkeypatch.setattr("evaluator.agents.grammar.blind_protocol", searching)
+    player = GrammarAgent().player(EpisodeKey(scene=7, seed=0, agent="grammar", budget=20), Briefing("", (), 20, {}))
+    async with anyio.create_task_group() as group:
+        group.start_soon(player.act, None)
+        await anyio.to_thread.run_sync(begun.wait, 10)
+        group.cancel_scope.cancel()
+    assert await anyio.to_thread.run_sync(stopped.wait, 10)
+
+
+def test_a_stopped_search_returns_what_it_has_found() -> None:
+    structure = STRUCTURES["way"]
+    told = told_of(structure)
+    course = simulated(structure, draw_constants(structure, random.Random(4)), told, 1)
+    search = Search(Legs.of(course, told))
+    search.halted.set()
+    assert search.over
+    assert [fit.structure.terms for fit in search.run()] == [()]
