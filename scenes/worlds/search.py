@@ -94,7 +94,7 @@ class Search:
         self._descend([self.fit(*self._bare, 4)], self.width, plain, settle=True)
         self._descend(self.best(), self.width, frozenset(), settle=True)
         agreed, wide = 0, False
-        while not (agreed >= _AGREED and self.explained and self.confirmed) and not self.over:
+        while not (agreed >= _AGREED and self.explained and self.is_confirmed()) and not self.over:
             before, wide = self.best()[0], not wide
             self._again(0.25)
             barred = frozenset(term.form for term in before.structure.terms if self._rng.random() < _BARRED)
@@ -167,17 +167,16 @@ class Search:
     def explained(self) -> bool:
         """Return whether a structure of the grammar is best and explains the readings almost without model error."""
         best = self.best()[0]
-        near = _expected(best, self.legs.course.count)
+        near = _explains(best, self.legs.course.count)
         return near and self.legs.drift < _MOST_DRIFT and not best.structure.repeats
 
-    @property
-    def confirmed(self) -> bool:
-        """Return whether the best structure also explains the readings if it is fitted to all legs in sequence.
+    def is_confirmed(self) -> bool:
+        """Fit the best structure to all legs in sequence; returns whether it explains the readings in this fit, too.
 
         A fit leg by leg may explain readings by a model error that is small in every leg but has the same sign in many.
         """
         fit = on_course(self.legs.course, self.legs.told, self.best()[0])
-        return _expected(fit, max(self.legs.course.count - len(fit.unit), 1))
+        return _explains(fit, max(self.legs.course.count - len(fit.unit), 1))
 
     @property
     def over(self) -> bool:
@@ -297,9 +296,9 @@ def _instead(less: Fit, offers: Sequence[Offer]) -> list[Offer]:
     return [(score, less.structure, less.unit), *((score - gain, added, unit) for gain, added, unit in offers)]
 
 
-def _expected(fit: Fit, mean: int) -> bool:
-    """Return whether chi-square is not much larger than its expected value."""
-    return fit.chi_square < mean + _DEVIATIONS * float(np.sqrt(2 * mean))
+def _explains(fit: Fit, freedom: int) -> bool:
+    """Return whether chi-square is at most slightly above its expected value, the number of degrees of freedom."""
+    return fit.chi_square < freedom + _DEVIATIONS * float(np.sqrt(2 * freedom))
 
 
 def _score(fit: Fit) -> float:

@@ -26,7 +26,7 @@ from scenes.worlds.expansion import expand
 from scenes.worlds.experiment import Situation, simulated
 from scenes.worlds.levels import GRAMMAR
 from scenes.worlds.parts import Apparatus
-from scenes.worlds.predictions import plausible, predicted
+from scenes.worlds.predictions import plausible, predicted, weighed
 from scenes.worlds.questions import Question, tolerance
 from scenes.worlds.records import WorldRecord
 from scenes.worlds.reference import blind_protocol
@@ -167,6 +167,41 @@ def test_the_search_returns_structures_of_the_grammar() -> None:
     course = simulated(true, draw_constants(true, random.Random(4)), told_of(true), 3)
     search = Search(Legs.of(course, told_of(true)), seconds=5.0)
     assert not any(fit.structure.repeats for fit in search.run())
+
+
+def test_the_search_goes_on_until_a_fit_in_sequence_confirms_its_law(monkeypatch: pytest.MonkeyPatch) -> None:
+    structure = Structure(Apparatus.WHEEL, (Term("friction"), Term("slope")))
+    constants, told = draw_constants(structure, random.Random(4)), told_of(structure)
+    legs = Legs.of(simulated(structure, constants, told, 3), told)
+    search = Search(legs, seconds=60.0)
+    search.fit(Structure(Apparatus.WHEEL, ()), np.array([0.5]), 8)
+    assert not search.is_confirmed()
+    assert search.run()[0].structure == structure
+    assert search.is_confirmed()
+    assert not search.over
+    asked = list[bool]()
+
+    def refuse(search: Search) -> bool:
+        asked.append(search.explained)
+        search.halted.set()
+        return False
+
+    monkeypatch.setattr(Search, "is_confirmed", refuse)
+    assert Search(legs, seconds=60.0).run()[0].structure == structure
+    assert asked == [True]
+
+
+def test_intervals_are_wider_if_nothing_explains_the_readings(monkeypatch: pytest.MonkeyPatch) -> None:
+    structure = Structure(Apparatus.WHEEL, (Term("friction"), Term("shaker")))
+    told, asked = told_of(structure), questions(Apparatus.WHEEL)
+    course = simulated(structure, draw_constants(structure, random.Random(4)), told, 1)
+    search = Search(Legs.of(course, told))
+    search.fit(Structure(Apparatus.WHEEL, (Term("friction"),)), np.full(2, 0.5), 8)
+    found = weighed(search, search.best(), asked)
+    assert not found.known
+    monkeypatch.setattr("scenes.worlds.predictions.EXPLAINED", float("inf"))
+    narrow = weighed(search, search.best(), asked)
+    assert ((found.high - found.low) > 5 * (narrow.high - narrow.low))[:2].all()
 
 
 @pytest.mark.parametrize("apparatus", Apparatus)
