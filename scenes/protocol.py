@@ -25,9 +25,10 @@ from scenes.answer_spec import Scalar
 from scenes.draw import KnobValue
 from scenes.errors import PackError
 from scenes.folder import PackFiles
+from scenes.pack import Knob
 
 ANSWER = "answer"
-_FUNCTIONS = ("solve", "theory", "measure", "structure", "fit", "naive", "batch", "rivals", "settles")
+_FUNCTIONS = ("solve", "theory", "measure", "structure", "fit", "naive", "batch", "rivals", "settles", "generated")
 _STAGE = re.compile(r"stage(_\w+)?")
 
 KIND = "kind"
@@ -68,6 +69,16 @@ class Member:
 
 
 @dataclass(frozen=True, slots=True)
+class Generated:
+    """The hidden constants of a pack without knobs whose model is generated from them."""
+
+    knobs: Mapping[str, Knob]
+    """Their ranges. The canonical value of each is that of the pack."""
+    mjcf: Callable[[Mapping[str, KnobValue]], str]
+    """Returns the model with other values of all constants."""
+
+
+@dataclass(frozen=True, slots=True)
 class Solution:
     """The functions that `solution.py` defines."""
 
@@ -91,6 +102,8 @@ class Solution:
     settles: Callable[[Any, Mapping[str, KnobValue], float], float] | None = None
     """Tests the stability of the equilibrium in the question. Starts the drawn world with this relative deviation,
     under constant loads and without a controller, and returns its relative error after a long time."""
+    generated: Generated | None = None
+    """The constants of a pack that was generated, as a world is."""
     stages: Mapping[str, Callable[[str], Protocol]] = field(default_factory=dict[str, Callable[[str], Protocol]])
     """The most direct attempts to produce the situation of the question, by name: `stage` and `stage_…`."""
 

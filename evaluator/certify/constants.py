@@ -11,7 +11,7 @@ from evaluator.certify.probing import Array, NotMeasurable
 from evaluator.certify.subject import Draw, Subject
 from evaluator.records.evidence import CERTAIN, SUFFICIENT
 from physment_mcp.errors import SceneError
-from scenes import KnobValue, Scalar, drawn_mjcf
+from scenes import KnobValue, Scalar
 from scenes.draw import evaluate
 from scenes.pack import Knob
 from scenes.protocol import AnswerValue
@@ -34,9 +34,9 @@ class Constants:
 
     @classmethod
     def of(cls, subject: Subject, seed: int) -> "Constants":
-        """Return the constants that a seed draws."""
-        drawn = subject.draw(seed).knobs
-        knobs = subject.pack.knobs
+        """Return the constants that a seed draws, or those of a generated pack."""
+        knobs, made = subject.knobs, subject.solution.generated
+        drawn = {name: knob.canonical for name, knob in knobs.items()} if made else subject.draw(seed).knobs
         return cls(
             subject, {name: drawn[name] for name in knobs}, tuple(name for name, knob in knobs.items() if span(knob))
         )
@@ -52,14 +52,14 @@ class Constants:
         """
         values = {**self.knobs, **(discrete or {})}
         for name, by in (shifts or {}).items():
-            values[name] = shifted(self.subject.pack.knobs[name], float(cast("float", self.knobs[name])), by)
+            values[name] = shifted(self.subject.knobs[name], float(cast("float", self.knobs[name])), by)
         for name, expression in self.subject.pack.derive.items():
             values[name] = evaluate(self.subject.files, f"derive.{name}", expression, values)
         return values
 
     def mjcf(self, shifts: Mapping[str, float] | None = None, discrete: Mapping[str, KnobValue] | None = None) -> str:
         """The model with these values."""
-        return drawn_mjcf(self.subject.files, self.subject.pack, self.values(shifts, discrete), canonical=False)
+        return self.subject.mjcf(self.values(shifts, discrete))
 
     def answer(
         self, shifts: Mapping[str, float] | None = None, discrete: Mapping[str, KnobValue] | None = None
@@ -75,8 +75,7 @@ class Constants:
             if theory is not None:
                 found = theory(values)
             else:
-                model = drawn_mjcf(self.subject.files, self.subject.pack, values, canonical=False)
-                found = cast("AnswerValue", self.subject.measured(Draw(values, model)))
+                found = cast("AnswerValue", self.subject.measured(Draw(values, self.subject.mjcf(values))))
         except (ArithmeticError, LookupError, ValueError, SceneError) as error:
             raise NotMeasurable(f"the answer cannot be computed beside the drawn values: {error!r}") from error
         return list(found) if isinstance(found, list | tuple) else [found]
@@ -180,7 +179,7 @@ class Constants:
         """Clip shifts so that every constant stays in its range."""
         kept: dict[str, float] = {}
         for name, shift in zip(self.names, shifts, strict=True):
-            at = unit(self.subject.pack.knobs[name], float(cast("float", self.knobs[name])))
+            at = unit(self.subject.knobs[name], float(cast("float", self.knobs[name])))
             kept[name] = float(np.clip(at + shift, 0.0, 1.0)) - at
         return kept
 
@@ -193,7 +192,7 @@ class Constants:
 
     def others(self) -> Iterator[tuple[str, dict[str, KnobValue]]]:
         """Yield each change of one discrete value, with its name. A permutation changes by swapping two values."""
-        for name, knob in self.subject.pack.knobs.items():
+        for name, knob in self.subject.knobs.items():
             drawn = self.knobs[name]
             for value in knob.choice or ():
                 if value != drawn:

@@ -65,7 +65,11 @@ def _differs(constants: Constants, change: dict[str, KnobValue]) -> bool:
 
 
 def fitted_rivals(constants: Constants, episode: Episode) -> list[Rival] | None:
-    """Return rivals from the pack's own fits; None if the pack defines no fits, or if they cannot fit these calls."""
+    """Return rivals from the pack's own fits; None if the pack defines no fits, or if they cannot fit these calls.
+
+    Raises:
+        NotMeasurable: The fits of a generated pack fail, or exclude its law.
+    """
     solution = constants.subject.solution
     if solution.rivals is None or solution.structure is None:
         return None
@@ -74,6 +78,8 @@ def fitted_rivals(constants: Constants, episode: Episode) -> list[Rival] | None:
     with contextlib.suppress(Exception):  # fits are written for the reference's calls
         fits = solution.rivals(calls_and_readings(episode))
     if fits is None or drawn not in fits or drawn not in surviving(fits):
+        if solution.generated:  # its fits are written for any calls, and no discrete value stands for another law
+            raise NotMeasurable("the fits of other laws fail, or exclude the true one")
         return None
     alive = surviving(fits)
     return [
@@ -129,7 +135,7 @@ def measured(subject: Subject, seed: int, episode: Episode, line_sha256: str) ->
 
 
 def _measured(subject: Subject, seed: int, episode: Episode) -> dict[str, object]:
-    if not subject.pack.knobs:
+    if not subject.knobs:
         raise NotMeasurable("the pack draws no hidden values")
     if subject.spec.kind in {AnswerKind.FORMULA, AnswerKind.TEXT}:
         raise NotMeasurable(f"the answer is a {subject.spec.kind.value}")

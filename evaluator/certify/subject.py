@@ -21,6 +21,7 @@ from scenes import (
     drawn_mjcf,
     read_pack,
 )
+from scenes.pack import Knob
 from scenes.protocol import AnswerValue, Solution, load_solution
 
 
@@ -54,6 +55,17 @@ class Subject:
         if solution.solve is None or (solution.theory is None and solution.measure is None):
             raise PackError(files.solution, "define solve, and theory or measure: without them nothing can be proven")
         return cls(files, pack, solution, pack.answer_spec)
+
+    @property
+    def knobs(self) -> Mapping[str, Knob]:
+        """The hidden values of the pack: its knobs, or the constants from which it was generated."""
+        return self.solution.generated.knobs if self.solution.generated else self.pack.knobs
+
+    def mjcf(self, values: Mapping[str, KnobValue]) -> str:
+        """Return the model with chosen hidden values."""
+        if self.solution.generated:
+            return self.solution.generated.mjcf(values)
+        return drawn_mjcf(self.files, self.pack, values, canonical=False)
 
     @functools.cached_property
     def _drawn(self) -> dict[tuple[int, str, int], Draw]:

@@ -130,7 +130,7 @@ class Maker:
         final = answers(structure, constants, questions, _FINE_S)[:, 0]
         world = DrawnWorld(structure, constants, told, questions, _numbers(final), _numbers(bounds))
         _refuse_guessable(world, self.rng)
-        refits = Refits(structure, constants, world.told, _REFIT_SEED)
+        refits = _refits(world)
         _refuse_useless(world, refits)
         world, refits = _determined(world, refits, self.difficulty)
         if removable(refits, world.questions, np.array(world.key)):
@@ -213,7 +213,7 @@ class _Information:
         unit = on_unit(laws, constants)
         around = np.column_stack([unit[:, None], unit[:, None] + _SHIFT * np.eye(len(unit))])
         misfits = laws.misfits(course, structure.label, around, by_legs=False)
-        self._told, self._durations = told, course.durations
+        self._told, self._course = told, course
         self._slope: Array = (misfits[:, 1:] - misfits[:, :1]) / _SHIFT
         self._prior: Array = self._slope[course.readings.size :]
         found, self._gradient = gradients(structure, laws.constants(structure.label, around), _SHIFT, asked, longest_s)
@@ -221,7 +221,7 @@ class _Information:
 
     def spread(self, looks: int) -> Array:
         """Return the smallest possible standard error of each answer after a number of readings, in tolerances."""
-        read = self._told.whitened(self._slope[: looks * len(self._told.sigma)], self._durations[:looks])
+        read = self._told.whitened(self._slope[: looks * len(self._told.sigma)], self._course.first(looks))
         rows = np.vstack([read, self._prior])
         variance = np.einsum("qi,ij,qj->q", self._gradient, np.linalg.inv(rows.T @ rows), self._gradient)
         return _finite(np.sqrt(np.abs(variance)) / self._tolerance)
@@ -275,9 +275,15 @@ def _determined(world: DrawnWorld, refits: Refits, difficulty: Difficulty) -> tu
         if (looks, noise) == (told.looks, told.noise):
             raise Refused("a rival law fits the readings, too")
         told = replace(told, looks=looks, noise=noise)
-        refits = Refits(structure, constants, told, _REFIT_SEED)
+        refits = _refits(replace(world, told=told))
     bounds = _Information(structure, constants, told, world.questions).spread(told.looks)
     return replace(world, told=told, bounds=_numbers(bounds)), refits
+
+
+def _refits(world: DrawnWorld) -> Refits:
+    """Return simulated readings of a world, to which other structures are fitted."""
+    course = simulated(world.structure, world.constants, world.told, _REFIT_SEED)
+    return Refits(world.structure, world.constants, world.told, course)
 
 
 def _refuse_useless(world: DrawnWorld, refits: Refits) -> None:

@@ -86,17 +86,18 @@ class Situation:
         columns = error_columns(np.cumsum(durations), self.bodies, self.width)
         return (columns * np.repeat([self.bias, self.drift], self.width)).reshape(-1, columns.shape[2])
 
-    def whitened(self, misfits: Array, durations: Array) -> Array:
+    def whitened(self, misfits: Array, course: Course) -> Array:
         """Eliminate the errors of the position instrument from misfits of readings.
 
         Args:
             misfits: Misfits in standard deviations, a column for each trial; further rows are kept.
-            durations: Time between readings [s].
+            course: The readings. Those that are NaN have no error.
         """
         if not self.errors:
             return misfits
-        count = len(durations) * len(self.sigma)
-        spread = self.spread(durations) / np.tile(self.sigma, len(durations))[:, None]
+        count = course.readings.size
+        spread = self.spread(course.durations) / np.tile(self.sigma, len(course.durations))[:, None]
+        spread[np.isnan(course.readings.ravel())] = 0.0
         return np.vstack([whitened(misfits[:count], spread), misfits[count:]])
 
     @property
@@ -228,14 +229,30 @@ def retraced(
     Returns:
         The same shape as the readings.
     """
+    seen = traced(structure, constants, course.durations, course.controls, longest_s)
+    found = np.nan_to_num((seen - course.readings) / told.sigma, nan=_FAR, posinf=_FAR, neginf=-_FAR)
+    return told.whitened(found.reshape(-1, 1), course).reshape(found.shape)
+
+
+def traced(
+    structure: Structure, constants: Mapping[str, float], durations: Array, controls: Array, longest_s: float
+) -> Array:
+    """Integrate the equations of motion under given pushes; returns the readable state after each leg.
+
+    Args:
+        structure: The terms of the law.
+        constants: Their constants.
+        durations: Time of each leg [s].
+        controls: Pushes during each leg [N, N·m]; shape (legs, controls).
+        longest_s: Longest step of the integration [s].
+    """
     rates, state, time = rates_of(structure, walled=True, single=True), list(structure.start), 0.0
     seen = list[list[float]]()
-    for lasting, held in zip(course.durations.tolist(), course.controls.tolist(), strict=True):
+    for lasting, held in zip(durations.tolist(), controls.tolist(), strict=True):
         state = followed(rates, constants, time, state, held, lasting, longest_s)
         time += lasting
         seen.append(state[: structure.read])
-    found = np.nan_to_num((np.array(seen) - course.readings) / told.sigma, nan=_FAR, posinf=_FAR, neginf=-_FAR)
-    return told.whitened(found.reshape(-1, 1), course.durations).reshape(found.shape)
+    return np.array(seen)
 
 
 @functools.lru_cache(1024)
@@ -258,7 +275,7 @@ def laws_of_fit(structure: Structure, told: Situation, longest_s: float = SEARCH
 
 def course_misfits(structure: Structure, told: Situation, laws: Laws, course: Course, units: Array) -> Array:
     """Return the whitened misfits of all legs in sequence, then the regularisation terms; a column for each trial."""
-    return told.whitened(laws.misfits(course, structure.label, units, by_legs=False), course.durations)
+    return told.whitened(laws.misfits(course, structure.label, units, by_legs=False), course)
 
 
 def on_unit(laws: Laws, constants: Mapping[str, float]) -> Array:

@@ -41,13 +41,8 @@ SEARCH_SECONDS = 120.0
 """Processor time of the search for the terms [s]."""
 
 
-def protocol(line: str) -> Callable[[str], Protocol]:
-    """Return the reference protocol of a world, which uses its structure but not its constants.
-
-    Args:
-        line: The line of the world's record.
-    """
-    record = WorldRecord.model_validate_json(line)
+def protocol(record: WorldRecord) -> Callable[[str], Protocol]:
+    """Return the reference protocol of a world, which uses its structure but not its constants."""
 
     def solve(prompt: str) -> Protocol:
         course = yield from _explored(record.told)

@@ -5,12 +5,14 @@ equals a fit to all legs in sequence, in a fraction of its time.
 """
 
 from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 
+from scenes.course_record import Course
 from scenes.fitting import Array
 from scenes.worlds.candidates import Fit
-from scenes.worlds.experiment import Situation, retraced, simulated
+from scenes.worlds.experiment import SEARCH_S, Situation, retraced, traced
 from scenes.worlds.search import Search
 from scenes.worlds.terms import Structure
 from scenes.worlds.weak_form import Legs, named, to_unit
@@ -26,13 +28,19 @@ class Refits:
     """The readings of a sampled world, to which structures are fitted.
 
     Attributes:
-        course: Pushes and readings.
+        course: Pushes and readings. Readings that were not made (NaN) are replaced by those of the true law, with a
+            standard deviation so large that they contain no information.
         drawn: The fit of the true structure.
     """
 
-    def __init__(self, structure: Structure, constants: Mapping[str, float], told: Situation, noise_seed: int) -> None:
-        self.told, self.course = told, simulated(structure, constants, told, noise_seed)
-        unit, legs = units_of(structure, constants), Legs.of(self.course, told)
+    def __init__(self, structure: Structure, constants: Mapping[str, float], told: Situation, course: Course) -> None:
+        unread = np.isnan(course.readings)
+        if unread.any():
+            true = traced(structure, constants, course.durations, course.controls, SEARCH_S)
+            true = true + (told.errors_at(constants, np.cumsum(course.durations)) if told.errors else 0.0)
+            course = replace(course, readings=np.where(unread, true, course.readings))
+        self.told, self.course = told, course
+        unit, legs = units_of(structure, constants), replace(Legs.of(course, told), unread=unread)
         with np.errstate(all="ignore"):
             for _ in range(_SMOOTHED):
                 legs = legs.about(structure, unit).smoothed(structure, unit)

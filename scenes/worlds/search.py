@@ -9,21 +9,21 @@ evidence, which penalises constants and parts.
 import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from threading import Event
 
 import numpy as np
 
 from scenes.fitting import Array, refined
-from scenes.worlds.candidates import PART, Candidates, Fit, Offer, changed, expected_score, plainer, score_of
+from scenes.worlds.candidates import PART, Candidates, Fit, Offer, changed, expected_score, plainer
 from scenes.worlds.catalogue import forms_of, modulations_of
-from scenes.worlds.course_fits import on_course
+from scenes.worlds.course_fits import fit_at, on_course
 from scenes.worlds.parts import Form, Modulation
 from scenes.worlds.terms import Structure, Term
 from scenes.worlds.weak_form import Legs
 
 _ROUNDS, _REFITTED = 8, 2
 """Iterations of a fit, and those of a law without a part, before another part is chosen in its place."""
-_SHIFT = 1e-4
 _OFFERS, _SWAPPED, _MERGED = 10, 6, 3
 """Number of candidates for an addition, for the replacement of a term or modulation, and for that of two terms."""
 _FITTED, _ENOUGH = 16, 5
@@ -197,20 +197,12 @@ class Search:
 
     def _refined(self, structure: Structure, unit: Array, rounds: int) -> Fit:
         """Fit a structure from a point."""
-        whitened = self._whitened
-
-        def misfits(units: Array) -> Array:
-            return whitened.misfits(structure, units)
-
-        return self._fitted(structure, refined(misfits, np.clip(unit, -0.1, 1.1), rounds))
+        misfits = partial(self._whitened.misfits, structure)
+        return fit_at(structure, refined(misfits, np.clip(unit, -0.1, 1.1), rounds), misfits)
 
     def _fitted(self, structure: Structure, unit: Array) -> Fit:
         """Return the fit object of a structure at given constants, without optimising them."""
-        units = unit[:, None] + _SHIFT * np.column_stack([np.zeros(len(unit)), np.eye(len(unit))])
-        around = self._whitened.misfits(structure, units)
-        slope = (around[:, 1:] - around[:, :1]) / _SHIFT
-        own = around[:, 0]
-        return Fit(structure, unit, float(own @ own), score_of(structure, own, slope), own, slope)
+        return fit_at(structure, unit, partial(self._whitened.misfits, structure))
 
     def _about(self, legs: Legs, structure: Structure, unit: Array) -> None:
         """Linearise the legs around a path; a law gives the change of each leg's end with its start."""

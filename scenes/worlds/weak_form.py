@@ -17,6 +17,7 @@ from dataclasses import dataclass, replace
 from typing import Any, cast
 
 import numpy as np
+from numpy.typing import NDArray
 
 from scenes.course_record import Course
 from scenes.fitting import Array, advanced
@@ -38,6 +39,8 @@ _SHIFT = 1e-5
 """Step of the finite difference for the transition of a leg [m, m/s]."""
 _FAR = 1e3
 """Largest misfit of a leg, in standard deviations; larger ones are clipped."""
+_UNREAD = 1e4
+"""Standard deviation of a reading that was not made, in those of one that was."""
 _PULL = 0.3
 """Weight of the regularisation towards the middle of the unit cube."""
 _DRIFTS = (0.02, *np.geomspace(0.1, 300.0, 12))
@@ -79,12 +82,14 @@ class Legs:
         told: The apparatus and its instruments.
         path: Readable state at the start and at each reading, around which errors are linearised.
         drift: Model error per leg, in standard deviations of a reading.
+        unread: Mask of readings that were not made, whose values are those of a law; None if all were made.
     """
 
     course: Course
     told: Situation
     path: Array
     drift: float = 1.0
+    unread: NDArray[np.bool_] | None = None
 
     @classmethod
     def of(cls, course: Course, told: Situation) -> "Legs":
@@ -232,6 +237,11 @@ class Whitened:
         return np.tile(self.legs.told.sigma, len(self.slopes))
 
     @functools.cached_property
+    def _errors(self) -> Array:
+        """Standard deviation of each reading."""
+        return self._sigma if self.legs.unread is None else self._sigma * np.where(self.legs.unread.ravel(), _UNREAD, 1)
+
+    @functools.cached_property
     def _carried(self) -> Array:
         """Map errors of readings to errors of legs: the error at the end minus the propagated error at the start."""
         count, size = self.slopes.shape[:2]
@@ -243,7 +253,7 @@ class Whitened:
     @functools.cached_property
     def _known(self) -> Array:
         """Covariance of the legs from the errors of the readings: noise, and the error of the position instrument."""
-        spread = self._carried * self._sigma
+        spread = self._carried * self._errors
         if not self.legs.told.errors:
             return spread @ spread.T
         shared = self._carried @ self._shared
@@ -289,7 +299,7 @@ class Whitened:
             if cost < least:
                 best, least = drift, cost
         pulled = self._carried.T @ np.linalg.solve(self._covariance(best), wrong)
-        read = self._sigma**2 * pulled + self._shared @ (self._shared.T @ pulled)
+        read = self._errors**2 * pulled + self._shared @ (self._shared.T @ pulled)
         path = self.legs.path.copy()
         path[1:] = self.legs.course.readings - read.reshape(len(self.slopes), -1)
         return replace(self.legs, path=path, drift=float(best))

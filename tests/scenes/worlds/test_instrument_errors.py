@@ -164,7 +164,8 @@ def test_an_accepted_world_is_proved_and_needs_the_error_in_the_fit(made: Made, 
     assert all(abs(record.constants[name]) >= 0.05 for name in record.told.errors)
     lines_file(tmp_path, 1).write_text(as_line(record) + "\n", encoding="utf-8")
     assert list(read_records(tmp_path, 1)) == [record]
-    refits = Refits(record.structure, record.constants, record.told, 1)
+    course = simulated(record.structure, record.constants, record.told, 1)
+    refits = Refits(record.structure, record.constants, record.told, course)
     key = np.array(certificate.key)
     assert not removable(refits, record.questions, key)
     moved = record.constants | {record.told.errors[0]: 0.0}

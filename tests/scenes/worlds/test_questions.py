@@ -12,7 +12,7 @@ from scenes.worlds.answering import answers, crossing
 from scenes.worlds.asking import Flags, covering, drawn, nearby
 from scenes.worlds.catalogue import FORMS, forms_of
 from scenes.worlds.drawing import draw_constants, draw_structure, options_with
-from scenes.worlds.experiment import Situation
+from scenes.worlds.experiment import Situation, simulated
 from scenes.worlds.levels import GRAMMAR, KINDS, difficulty_of
 from scenes.worlds.packs import pack_of
 from scenes.worlds.parts import Apparatus
@@ -160,7 +160,8 @@ def test_readings_tell_options_apart_unless_one_does_what_the_other_does() -> No
 
     def found(power: float) -> bool:
         constants = {"m": 1.2, "c0": 0.4, "p0": power, "k1": 0.9, "w1": 0.3}
-        refits = Refits(structure, constants, told(Apparatus.GLIDER), 1)
+        course = simulated(structure, constants, told(Apparatus.GLIDER), 1)
+        refits = Refits(structure, constants, told(Apparatus.GLIDER), course)
         return mistakable(refits, constants, asked, random.Random(1))
 
     assert not found(2.3)

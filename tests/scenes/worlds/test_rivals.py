@@ -8,7 +8,7 @@ import pytest
 from scenes.worlds.acceptance import Maker
 from scenes.worlds.answering import answers
 from scenes.worlds.drawing import draw_constants
-from scenes.worlds.experiment import Situation
+from scenes.worlds.experiment import Situation, simulated
 from scenes.worlds.levels import difficulty_of
 from scenes.worlds.parts import Apparatus
 from scenes.worlds.questions import Question
@@ -28,11 +28,11 @@ ASKED = (
 def test_few_readings_leave_a_rival_and_many_do_not(looks: int, noise: float, found: bool) -> None:
     told = Situation(Apparatus.WHEEL, 6.0, 5.0, looks, noise)
     key = answers(STRUCTURE, CONSTANTS, ASKED, 0.02)[:, 0]
-    rival = rival_of(Refits(STRUCTURE, CONSTANTS, told, 1), ASKED, key)
+    rival = rival_of(Refits(STRUCTURE, CONSTANTS, told, simulated(STRUCTURE, CONSTANTS, told, 1)), ASKED, key)
     assert (rival is not None) == found
     if rival is not None:
         assert rival.structure != STRUCTURE
-        again = Refits(STRUCTURE, CONSTANTS, told, 1)
+        again = Refits(STRUCTURE, CONSTANTS, told, simulated(STRUCTURE, CONSTANTS, told, 1))
         fits = again.search.tried
         same = rival_of(again, ASKED, key, rival)
         assert same is not None
@@ -42,5 +42,7 @@ def test_few_readings_leave_a_rival_and_many_do_not(looks: int, noise: float, fo
 
 def test_an_accepted_world_has_no_rival_in_other_readings() -> None:
     world = Maker(difficulty_of(2), random.Random(5)).world()
-    refits = Refits(world.structure, world.constants, world.told, 1)
+    refits = Refits(
+        world.structure, world.constants, world.told, simulated(world.structure, world.constants, world.told, 1)
+    )
     assert rival_of(refits, world.questions, np.array(world.key)) is None
