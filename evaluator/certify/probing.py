@@ -42,7 +42,10 @@ class NotMeasurable(Exception):
 
 @dataclass(frozen=True, slots=True)
 class Probe(Readout):
-    """Instruments without rounding and noise that record what was read and add chosen errors to readings."""
+    """Instruments without rounding and noise that record what was read and add chosen errors to readings.
+
+    Systematic errors are hidden constants of the model, so they remain.
+    """
 
     asked: dict[Source, int] = field(default_factory=dict[Source, int])
     """Each source that was read → number of its components."""
@@ -94,7 +97,7 @@ class Replay:
         """
         self._session = session_of(files, mjcf, any_calls=True)
         public = readout_of(self._session.scene.public)
-        self._probe = Probe(public.fineness, public.seed)
+        self._probe = Probe(public.fineness, public.seed, public.admitted)
         self._session.world.read_with(self._probe)
 
     def read(self, place: int, tool: str, arguments: Mapping[str, Any], *, slopes: bool) -> Read | None:

@@ -43,11 +43,11 @@ class World(Simulation):
         super().__init__(mjcf, timestep)
         salts = [text.data for text in self._spec.texts if text.name == NOISE_SALT]
         readout = readout.salted(salts[0]) if salts else readout
-        self._readout = readout.with_errors(read_errors(self._spec)) if readout.admitted else readout
+        self.read_with(readout)
 
     def read_with(self, readout: Readout) -> None:
-        """Replace the instruments. For certification; no tool calls it."""
-        self._readout = readout
+        """Replace the instruments, except for the systematic errors of the model. For certification, not for tools."""
+        self._readout = readout.with_errors(read_errors(self._spec)) if readout.admitted else readout
 
     # Reading
 
