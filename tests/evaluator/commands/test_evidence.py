@@ -51,6 +51,20 @@ def test_episodes_that_differ_only_in_their_answers_are_measured_once(tmp_path: 
     assert max(right.seconds, wrong.seconds) > 0.0 < blind.seconds
 
 
+def test_the_evidence_in_a_world_excludes_other_laws_if_there_are_enough_readings(tmp_path: Path) -> None:
+    run = tmp_path / "run"
+    words = ("--agent", "reference", "--agent", "taker:calls-12", "--scenes", "world:2:0")
+    assert physment_eval("run", "--server", "host", *words, "--out", run).returncode == 0
+    assert physment_eval("evidence", run, "--workers", "2").returncode == 0
+    folder = RunFolder(run)
+    evidence, grades = folder.evidence(), folder.grades()
+    found = {key.agent: evidence_verdict(one, grades[key].grade.strict) for key, one in evidence.items()}
+    assert found["reference"] is EvidenceVerdict.EARNED
+    assert found["taker:calls-12"] in {EvidenceVerdict.EXPERIMENT_INSUFFICIENT, EvidenceVerdict.GUESSED}
+    assert all("glider: " in rival.name for one in evidence.values() for rival in one.rivals)
+    assert any(not rival.excluded for one in evidence.values() for rival in one.rivals)
+
+
 def test_the_evidence_can_be_read_as_json_lines(run: Path) -> None:
     done = physment_eval("evidence", run, "--workers", "1", "--json", "--episodes", "scene=7,agent=reference")
     (line,) = done.stdout.splitlines()

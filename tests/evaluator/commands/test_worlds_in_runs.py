@@ -9,6 +9,7 @@ import pytest
 from evaluator.commands.program import main
 from evaluator.records.episode import Verdict
 from evaluator.store.run_folder import RunFolder
+from scenes.worlds.folders import find_record
 from scenes.worlds.records import lines_file
 from tests.builders.worlds import write_worlds
 
@@ -122,7 +123,7 @@ def test_worlds_that_were_made_otherwise_are_refused(
     assert "was made as record" in capsys.readouterr().err
 
 
-def test_the_keys_of_held_back_worlds_are_in_no_grade(make: Made, tmp_path: Path) -> None:
+def test_keys_and_laws_of_held_back_worlds_are_in_no_record(make: Made, tmp_path: Path) -> None:
     key, out = tmp_path / "key", tmp_path / "run"
     key.write_text("5a" * 32, encoding="ascii")
     worlds = make("--key-file", str(key))
@@ -131,3 +132,12 @@ def test_the_keys_of_held_back_worlds_are_in_no_grade(make: Made, tmp_path: Path
     assert {record.grade.strict for record in grades} == {Verdict.INCORRECT}
     assert not any(record.answer_key for record in grades)
     assert {record.grade.reason for record in grades} == {"withheld until the seeds are revealed"}
+    solved = tmp_path / "solved"
+    assert _run(worlds, solved) == 0
+    assert main(["evidence", str(solved), "--scenes-dir", str(worlds), "--workers", "1"]) == 0
+    for found in RunFolder(solved).evidence().values():
+        assert found.calls
+        assert found.rivals
+        assert [rival.name for rival in found.rivals] == [f"rival {n}" for n in range(1, len(found.rivals) + 1)]
+    text = RunFolder(solved).evidence_file.read_text(encoding="utf-8")
+    assert not any(form in text for index in (0, 1) for form, _ in find_record(1, index, worlds).terms)
