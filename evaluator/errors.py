@@ -70,7 +70,7 @@ class RefusedRequest(EvaluatorError):
 
 
 class InfrastructureError(EvaluatorError):
-    """The server or the connection to it failed. The message is one sentence."""
+    """The server, the connection to it, or a worker process failed. The message is one sentence."""
 
 
 class ServerFull(InfrastructureError):

@@ -1,14 +1,12 @@
 """Makes worlds, verifies stored ones and computes their answers with the engine, in worker processes."""
 
 import hashlib
-import os
 import random
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from functools import partial
 
-import anyio.to_process
 import numpy as np
 from scipy.optimize import root_scalar
 
@@ -265,25 +263,24 @@ async def make_worlds(
     Raises:
         WorldError: No sample for the first world is accepted, so the others are unlikely to succeed.
     """
-    # Inherited by the processes. The matrices are small, so a second OpenBLAS thread would only busy-wait.
-    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    limiter, some = anyio.CapacityLimiter(workers), False
+    some = False
 
-    async def make_one(index: int) -> None:
+    def done(_: int, found: Made | Unmade) -> None:
         nonlocal some
-        work = partial(make_world, level, difficulty, secret, index)
-        try:
-            found: Made | Unmade = await anyio.to_process.run_sync(work, cancellable=True, limiter=limiter)
-            some = True
-        except WorldError as error:
-            if not some:
-                raise
-            found = Unmade(index, str(error))
+        some = some or isinstance(found, Made)
+        if isinstance(found, Unmade) and not some:
+            raise WorldError(found.reason)
         on_made(found)
 
-    async with anyio.create_task_group() as tasks:
-        for index in indexes:
-            tasks.start_soon(make_one, index)
+    await in_processes(indexes, lambda index: partial(_made, level, difficulty, secret, index), workers, done)
+
+
+def _made(level: int, difficulty: Difficulty, secret: str, index: int) -> Made | Unmade:
+    """Make a world in a worker process."""
+    try:
+        return make_world(level, difficulty, secret, index)
+    except WorldError as error:
+        return Unmade(index, str(error))
 
 
 async def faults_of(
