@@ -131,6 +131,7 @@ def drawn_kind(knobs: Mapping[str, KnobValue]) -> str:
 def load_solution(files: PackFiles) -> Solution:
     """Import a pack's `solution.py`. This runs its code, so use it only for packs that the user named.
 
+    In the file of a generated pack, `solve` is an object that has the functions as its attributes.
     If the file defines `predict` or `fit`, the default of `structure` is `drawn_kind`. If it defines `predict` and no
     `theory`, the default of `theory` is `predict` of the structure and the values at the seed.
 
@@ -138,6 +139,8 @@ def load_solution(files: PackFiles) -> Solution:
         PackError: The pack has none, or it cannot be imported.
     """
     defined = vars(imported(files.solution, f"physment_solution_{files.scene_id}"))
+    solve = defined.get("solve")
+    defined = {**defined, **{name: getattr(solve, name) for name in _FUNCTIONS if hasattr(solve, name)}}
     stages = {name: made for name, made in defined.items() if _STAGE.fullmatch(name)}
     return Solution(**{name: defined.get(name) for name in _FUNCTIONS} | _derived(defined), stages=stages)
 

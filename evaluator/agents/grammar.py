@@ -13,7 +13,7 @@ from evaluator.episode.player import Briefing, Feedback, Reply
 from evaluator.records.episode import EpisodeKey
 from scenes.protocol import ANSWER, Protocol
 from scenes.worlds.predictions import Prediction
-from scenes.worlds.reference import SEARCH_SECONDS, blind_protocol
+from scenes.worlds.protocols import SEARCH_SECONDS, blind_protocol
 
 
 @dataclass(frozen=True, slots=True)

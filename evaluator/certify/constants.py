@@ -148,7 +148,7 @@ class Constants:
         linear = gradient @ (np.array(list(shift.values())) + further)
         actual = np.array([float(found[part]) - float(self.key[part]) for part in parts])
         bounds = np.maximum(self.bounds(fisher), 1e-12)
-        return list(np.abs(actual - linear) / tolerance / bounds)
+        return list(np.nan_to_num(np.abs(actual - linear) / tolerance / bounds, nan=np.inf))
 
     def are_known(self, fisher: Array) -> bool:
         """Return whether numbers are known to within `SUFFICIENT` tolerances and choices with probability `CERTAIN`."""

@@ -202,6 +202,16 @@ def is_withheld(folder: RunFolder) -> bool:
     return bool(run.plan.held_back) and not seed_key_file(folder).exists()
 
 
+def is_held_back(scene: int, scenes_dir: Path | None) -> bool:
+    """Whether a scene is a world that was made with a key, according to its record."""
+    if not is_world(scene):
+        return False
+    try:
+        return bool(_played(scene, scenes_dir or default_folder()).commitment)
+    except UsageError:  # no record: an exported world, whose evidence is not measurable
+        return False
+
+
 def played_worlds(packs: Iterable[PackFiles], scenes_dir: Path | None) -> dict[str, PlayedWorld]:
     """Map the references of the packs that are made from world records to the provenance of their worlds.
 

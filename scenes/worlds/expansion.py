@@ -16,7 +16,7 @@ from scenes.world_names import place_of, reference_of
 from scenes.worlds.folders import find_certificate, find_record, find_worlds
 from scenes.worlds.packs import mjcf_of, pack_of
 from scenes.worlds.records import Certificate, WorldRecord, as_line
-from scenes.worlds.solution import SOLUTION
+from scenes.worlds.reference import SOLUTION
 
 
 def expand(record: WorldRecord, folder: Path, certificate: Certificate | None = None) -> PackFiles:

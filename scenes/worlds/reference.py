@@ -1,30 +1,31 @@
-"""Reference protocols for worlds, which push the bodies, fit a law and predict the answers.
+"""The functions in the `solution.py` of a world: reference protocol, answer key, and fits of rival laws to an episode.
 
-`protocol` uses the structure of a world but not its constants. It shows that a world can be solved within its limits.
-The `solution.py` of a pack contains the record and calls `protocol`. `blind_protocol` uses only the prompt and the
-grammar.
+A rival differs from the true law by one form or modulation, as in the certificate "determined" (`rivals`). It is fitted
+to the readings of any agent, however few: readings that were not made contain no information.
 """
 
-from collections.abc import Callable, Generator, Mapping
-from threading import Event
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import cast
 
 import numpy as np
 
-from scenes.course_record import Course
-from scenes.fitting import Array
-from scenes.protocol import Call, Protocol, Reading, answer, call, with_law
+from scenes.course_record import Channel, Course, accepted, force, position, recorded, velocity
+from scenes.draw import KnobValue
+from scenes.pack import Knob
+from scenes.protocol import AnswerValue, Call, Exchanges, Generated, Member, Protocol
 from scenes.worlds.answering import answers
-from scenes.worlds.course_fits import on_course
-from scenes.worlds.experiment import LOOK_S, LOOKS, SEARCH_S, Excitation, Situation
-from scenes.worlds.packs import law_of
-from scenes.worlds.parts import Apparatus
-from scenes.worlds.predictions import Prediction, predicted
+from scenes.worlds.candidates import Fit
+from scenes.worlds.experiment import LOOK_S, Situation
+from scenes.worlds.packs import mjcf_of
+from scenes.worlds.parts import Apparatus, Range
+from scenes.worlds.predictions import plausible
+from scenes.worlds.protocols import informed_protocol
+from scenes.worlds.questions import option_of
 from scenes.worlds.records import WorldRecord
-from scenes.worlds.refits import constants_of
-from scenes.worlds.search import Search
-from scenes.worlds.task_reading import questions_of, situation_of
-from scenes.worlds.terms import Structure
-from scenes.worlds.weak_form import Legs
+from scenes.worlds.refits import Refits
+from scenes.worlds.weak_form import named
 
 SOLUTION = '''"""World {reference}: the reference that knows the structure and not the constants."""
 
@@ -32,96 +33,131 @@ from scenes.worlds.reference import protocol
 
 solve = protocol({line!r})
 '''
-"""The content of `solution.py`."""
-_SEED = 5
-"""Seed of the pushes, which differs from the certificate's."""
-_ASKS_FOR_LAW = "In the argument `law` of `answer`"
-"""Words of the opening prompt of a scene in which a law may be stated with the answer."""
-SEARCH_SECONDS = 120.0
-"""Processor time of the search for the terms [s]."""
+"""The content of `solution.py`. It is part of the hash of a pack, by which runs are compared."""
+_ROUNDS = 6
+_STEP_S, _FINE_S = 0.05, 0.01
+"""Longest integration steps for the answers of rivals, and for the key [s]."""
+_NEAREST = 8
+"""Number of rivals that are reported although the readings exclude them."""
+_BEYOND = 60.0
+"""Chi-square, more than that of the true law, above which a rival is reported only if it is one of the nearest."""
 
 
-def protocol(record: WorldRecord) -> Callable[[str], Protocol]:
-    """Return the reference protocol of a world, which uses its structure but not its constants."""
-
-    def solve(prompt: str) -> Protocol:
-        course = yield from _explored(record.told)
-        structure = record.structure
-        fit = on_course(course, record.told, Search(Legs.of(course, record.told)).solve(structure), SEARCH_S)
-        constants = constants_of(fit)
-        found = np.nan_to_num(answers(structure, constants, record.questions, 0.02)[:, 0])
-        yield [_answered(prompt, found, structure, constants)]
-
-    return solve
+def protocol(line: str) -> "WorldSolution":
+    """Return the functions of a world's `solution.py` from the line of its record."""
+    return WorldSolution(WorldRecord.model_validate_json(line))
 
 
-def blind_protocol(
-    prompt: str,
-    seconds: float = SEARCH_SECONDS,
-    on_predicted: Callable[[Prediction], None] | None = None,
-    halted: Event | None = None,
-) -> Protocol:
-    """Return the reference protocol that knows only the grammar and the prompt, not the structure.
+@dataclass(frozen=True)
+class WorldSolution:
+    """The functions of a world's `solution.py`; `load_solution` finds them as the attributes of `solve`."""
 
-    Args:
-        prompt: The opening prompt of a world.
-        seconds: Processor time of the search [s].
-        on_predicted: Callback with the prediction, before the answer is sent.
-        halted: Event by which another thread stops the search; the answer is then that of the best law so far.
+    record: WorldRecord
 
-    Raises:
-        WorldError: The prompt is not that of a world, or has a question that cannot be parsed.
+    def solve(self, prompt: str) -> Protocol:
+        """Push the bodies in many ways, fit the constants of the known structure, and predict the answers."""
+        return informed_protocol(self.record, prompt)
+
+    def structure(self, values: Mapping[str, KnobValue]) -> str:
+        """The label of the structure."""
+        del values
+        return self.record.structure.label
+
+    def theory(self, values: Mapping[str, KnobValue]) -> AnswerValue:
+        """The answers for values of the constants."""
+        constants = cast("Mapping[str, float]", values)
+        return [
+            float(number) for number in answers(self.record.structure, constants, self.record.questions, _FINE_S)[:, 0]
+        ]
+
+    @property
+    def generated(self) -> Generated:
+        """The constants of the law and of the instruments, with their ranges."""
+        told, constants = self.record.told, self.record.constants
+        knobs = {name: _knob(bounds, constants[name]) for name, bounds in self.record.structure.ranges.items()}
+        bounds = np.repeat([told.bias, told.drift], told.width)[: len(told.errors)]
+        errors = {name: bound for name, bound in zip(told.errors, bounds.tolist(), strict=True) if bound}
+        knobs |= {name: Knob(canonical=constants[name], uniform=(-bound, bound)) for name, bound in errors.items()}
+
+        def mjcf(values: Mapping[str, KnobValue]) -> str:
+            return mjcf_of(self.record.model_copy(update={"constants": {**constants, **values}}))
+
+        return Generated(knobs, mjcf)
+
+    def rivals(self, exchanges: Exchanges) -> dict[str, Member]:
+        """Fit the true law and those that differ from it by one part to the calls and readings of an episode.
+
+        Laws that contradict a `which` question, because none or several of its options act, are omitted.
+
+        Returns:
+            The true law and the laws of smallest chi-square, by their labels.
+        """
+        record, course = self.record, course_of(self.record.told, exchanges)
+        refits = Refits(record.structure, record.constants, record.told, course)
+        search, drawn = refits.search, refits.drawn
+        with np.errstate(all="ignore"):
+            for near in search.neighbours(drawn):
+                search.fit(*near, _ROUNDS)
+        asked = [question for question in record.questions if question.options]
+        others = [
+            fit
+            for fit in sorted(search.best(), key=lambda fit: fit.chi_square)
+            if not fit.structure.repeats
+            and fit.structure != record.structure
+            and not any(math.isnan(option_of(fit.structure, question)) for question in asked)
+        ]
+        near_enough = sum(fit.chi_square < drawn.chi_square + _BEYOND for fit in others)
+        kept = [drawn, *others[: max(near_enough, _NEAREST)]]
+        return {fit.structure.label: self._member(fit, course.count) for fit in kept}
+
+    def _member(self, fit: Fit, readings: int) -> Member:
+        asked = self.record.questions
+        found = answers(fit.structure, named(fit.structure, fit.unit[:, None]), asked, _STEP_S)[:, 0]
+
+        def samples(number: int) -> list[AnswerValue]:
+            return [list(map(float, column)) for column in plausible(fit, asked, number).T[1:]]
+
+        return Member(fit.chi_square, readings, len(fit.unit), list(map(float, found)), samples)
+
+
+def course_of(told: Situation, exchanges: Exchanges) -> Course:
+    """Extract pushes and readings from the calls of any agent; NaN for readings that were not made.
+
+    Long steps are divided into legs of at most `LOOK_S`.
     """
-    told, asked = situation_of(prompt), questions_of(prompt)
-    course = yield from _explored(told)
-    prediction = predicted(Search(Legs.of(course, told), seconds=seconds, halted=halted or Event()), asked)
-    if on_predicted is not None:
-        on_predicted(prediction)
-    yield [_answered(prompt, prediction.answer, *prediction.law)]
+    exchanges = [(_with_whole_id(asked), reading) for asked, reading in exchanges]
+    course = recorded(exchanges, *_channels(told))
+    clock = [0.0, *(float(reading["sim_time"]) for asked, reading in accepted(exchanges) if asked.tool == "step")]
+    if len(clock) == 1:  # without a step, nothing was read
+        return Course(
+            np.full(1, LOOK_S), np.zeros((1, told.width * told.bodies)), np.full((1, len(told.sigma)), np.nan)
+        )
+    durations = np.diff(clock)  # a step lasts a whole number of time steps
+    legs = np.maximum(np.ceil(durations / LOOK_S - 1e-9), 1).astype(int)
+    readings = np.full((int(legs.sum()), len(told.sigma)), np.nan)
+    readings[np.cumsum(legs) - 1] = course.readings
+    return Course(np.repeat(durations / legs, legs), np.repeat(course.controls, legs, axis=0), readings)
 
 
-def _answered(prompt: str, found: Array, structure: Structure, constants: Mapping[str, float]) -> Call:
-    """Return the call with the answer, and with the law if the prompt asks for one."""
-    answered = answer([float(f"{number:.6g}") for number in found])
-    return with_law(answered, law_of(structure, constants) if _ASKS_FOR_LAW in prompt else None)
+def _with_whole_id(asked: Call) -> Call:
+    """Return a call with the whole identifier of its object; tools take `1` for `object_1`."""
+    short = str(asked.arguments.get("object_id", ""))
+    return Call(asked.tool, {**asked.arguments, "object_id": f"object_{short}"}) if short.isdecimal() else asked
 
 
-def _explored(told: Situation) -> Generator[list[Call], list[Reading], Course]:
-    """Apply pushes until the limits of the laboratory are reached; returns pushes and readings."""
-    plan = Excitation(told, _SEED)
-    bare = Structure(told.apparatus, (), told.radius)
-    read, held, seen = np.array(bare.start)[: bare.read], list[Array](), list[Array]()
-    for legs in told.turns:
-        pushes = plan.pushes(read, legs)
-        readings = yield [one for push in pushes for one in _leg(told, push)]
-        looks = _looks(told, readings)
-        held += [push for push in pushes for _ in range(LOOKS)]
-        seen += looks
-        read = looks[-1]
-    return Course(np.full(len(seen), LOOK_S), np.array(held), np.array(seen))
-
-
-def _leg(told: Situation, push: Array) -> list[Call]:
-    """Return the calls of a leg: pushes, then readings."""
+def _channels(told: Situation) -> tuple[list[Channel], list[Channel]]:
+    """Return the channels of the pushes and of the readings, in the order of the state."""
     bodies = [f"object_{body}" for body in range(1, told.bodies + 1)]
     if told.apparatus is Apparatus.WHEEL:
-        calls = [call("apply_torque", object_id=bodies[0], torque_vector=[0.0, 0.0, float(push[0])])]
-    else:
-        parts = push.reshape(len(bodies), -1)
-        calls = [
-            call("apply_force", object_id=body, force_vector=[*map(float, part), 0.0, 0.0][:3])
-            for body, part in zip(bodies, parts, strict=True)
-        ]
-    reads = [call(tool, object_id=body) for body in bodies for tool in ("get_position", "get_velocity")]
-    return calls + [one for _ in range(LOOKS) for one in (call("step", duration=LOOK_S), *reads)]
+        read = [Channel("get_position", bodies[0], "angle"), Channel("get_velocity", bodies[0], "angular_velocity")]
+        return [Channel("apply_torque", bodies[0], "torque_vector", 2)], read
+    pushes = [force(body, axis) for body in bodies for axis in range(told.width)]
+    return pushes, [of(body, axis) for body in bodies for of in (position, velocity) for axis in range(told.width)]
 
 
-def _looks(told: Situation, readings: list[Reading]) -> list[Array]:
-    """Return the values of each reading, in the order of the state."""
-    bodies, width = told.bodies, 2 if told.apparatus.flat else 1
-    names = ("angle", "angular_velocity") if told.apparatus is Apparatus.WHEEL else ("position", "velocity")
-    pairs = [reading for reading in readings if "position" in reading or "velocity" in reading]
-    numbers = [
-        np.atleast_1d(np.asarray(reading[names[number % 2]], float))[:width] for number, reading in enumerate(pairs)
-    ]
-    return [np.concatenate(numbers[at : at + 2 * bodies]) for at in range(0, len(numbers), 2 * bodies)]
+def _knob(bounds: Range, value: float) -> Knob:
+    """Return a knob with the range of a constant. A range of both signs is one interval."""
+    low, high = bounds.low, bounds.high
+    if bounds.scale == "log":
+        return Knob(canonical=value, log_uniform=(low, high))
+    return Knob(canonical=value, uniform=(-high if bounds.scale in {"sign", "disc"} else low, high))

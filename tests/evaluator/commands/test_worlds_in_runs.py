@@ -134,10 +134,14 @@ def test_keys_and_laws_of_held_back_worlds_are_in_no_record(make: Made, tmp_path
     assert {record.grade.reason for record in grades} == {"withheld until the seeds are revealed"}
     solved = tmp_path / "solved"
     assert _run(worlds, solved) == 0
-    assert main(["evidence", str(solved), "--scenes-dir", str(worlds), "--workers", "1"]) == 0
-    for found in RunFolder(solved).evidence().values():
-        assert found.calls
-        assert found.rivals
-        assert [rival.name for rival in found.rivals] == [f"rival {n}" for n in range(1, len(found.rivals) + 1)]
-    text = RunFolder(solved).evidence_file.read_text(encoding="utf-8")
-    assert not any(form in text for index in (0, 1) for form, _ in find_record(1, index, worlds).terms)
+    bare = tmp_path / "bare"  # the run of another program, which writes no run.json
+    bare.mkdir()
+    (bare / "episodes.jsonl").write_bytes((solved / "episodes.jsonl").read_bytes())
+    for folder in (solved, bare):
+        assert main(["evidence", str(folder), "--scenes-dir", str(worlds), "--workers", "1"]) == 0
+        for found in RunFolder(folder).evidence().values():
+            assert found.calls
+            assert found.rivals
+            assert [rival.name for rival in found.rivals] == [f"rival {n}" for n in range(1, len(found.rivals) + 1)]
+        text = RunFolder(folder).evidence_file.read_text(encoding="utf-8")
+        assert not any(form in text for index in (0, 1) for form, _ in find_record(1, index, worlds).terms)

@@ -27,9 +27,9 @@ from scenes.worlds.experiment import Situation, simulated
 from scenes.worlds.levels import GRAMMAR
 from scenes.worlds.parts import Apparatus
 from scenes.worlds.predictions import plausible, predicted, weighed
+from scenes.worlds.protocols import blind_protocol
 from scenes.worlds.questions import Question, tolerance
 from scenes.worlds.records import WorldRecord
-from scenes.worlds.reference import blind_protocol
 from scenes.worlds.refits import constants_of
 from scenes.worlds.search import Search
 from scenes.worlds.task_reading import questions_of, situation_of

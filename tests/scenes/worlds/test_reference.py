@@ -25,8 +25,8 @@ from scenes.worlds.levels import GRAMMAR
 from scenes.worlds.parts import Apparatus
 from scenes.worlds.questions import ABS_TOL, REL_TOL, Question
 from scenes.worlds.records import Certificate, WorldRecord
+from scenes.worlds.reference import WorldSolution, course_of
 from scenes.worlds.refits import Refits
-from scenes.worlds.solution import WorldSolution, course_of
 from scenes.worlds.weak_form import named
 
 MASS, DRAG, PUSH, NOISE = 1.2, 0.5, 3.0, 0.01
@@ -82,6 +82,8 @@ def played(record: WorldRecord, folder: Path, calls: Sequence[Call] = CALLS) -> 
     files = expand(record, folder, Certificate(index=record.index, record=record.digest, key=key, bounds=(0.1,)))
     with files.solution.open("a", encoding="utf-8") as solution:
         made = ", ".join(f"call({one.tool!r}, **{one.arguments!r})" for one in calls)
+        names = ("theory", "structure", "rivals", "generated")
+        solution.write(f"{', '.join(names)} = {', '.join(f'solve.{name}' for name in names)}\n")
         solution.write("\nfrom scenes.protocol import answer, call\n")
         solution.write(f"\n\ndef solve(task):\n    yield [{made}]\n    yield [answer([1.0])]\n")
     subject = Subject.open(find_pack(record.scene_id, folder))
@@ -134,6 +136,24 @@ def test_the_error_of_an_instrument_is_a_constant_with_the_stated_range(tmp_path
 
 def _of(one: Call) -> tuple[str, Mapping[str, object]]:
     return one.tool, one.arguments
+
+
+def test_an_error_with_the_bound_0_is_no_hidden_constant(tmp_path: Path) -> None:
+    errors = dict.fromkeys(("instrument_bias_y", "instrument_drift_x", "instrument_drift_y"), 0.0)
+    record = record_of(constants={"m": MASS, "c0": DRAG, "instrument_bias_x": 0.04, **errors}, bias=0.06)
+    subject, episode = played(record, tmp_path)
+    assert set(subject.knobs) == {"m", "c0", "instrument_bias_x", "instrument_bias_y"}
+    assert measured(subject, 0, episode, "").not_measurable == ""
+
+
+def test_an_agent_may_write_the_number_of_an_object(tmp_path: Path) -> None:
+    short = [
+        Call(one.tool, one.arguments | ({"object_id": "1"} if "object_id" in one.arguments else {})) for one in CALLS
+    ]
+    (subject, episode), (_, other) = (
+        played(record_of(), tmp_path / str(n), made) for n, made in enumerate((CALLS, short))
+    )
+    assert measured(subject, 0, other, "").rivals == measured(subject, 0, episode, "").rivals
 
 
 def exchanges_of(*made: tuple[Call, Reading]) -> Exchanges:
