@@ -46,9 +46,15 @@ async def in_processes(
     # Inherited by the processes. The matrices are small, so a second OpenBLAS thread would only busy-wait.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
+    loop = asyncio.get_running_loop()
+
     async def one(pool: ProcessPoolExecutor, job: J) -> None:
         try:
-            found = await asyncio.wrap_future(pool.submit(work(job)))
+            # Not `wrap_future`, which cancels the future of the pool, at which the pool's thread fails (Python 3.11).
+            future, done = pool.submit(work(job)), asyncio.Event()
+            future.add_done_callback(lambda _: loop.call_soon_threadsafe(done.set))
+            await done.wait()
+            found = future.result()
         except BrokenProcessPool:
             raise InfrastructureError("a worker process ended before its job, perhaps for lack of memory") from None
         on_done(job, found)
