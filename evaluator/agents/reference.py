@@ -5,6 +5,7 @@ import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from pydantic import TypeAdapter, ValidationError
@@ -67,13 +68,24 @@ def reading_of(exchange: Exchange) -> Reading:
 
 
 def calls_and_readings(episode: Episode) -> Exchanges:
-    """Return the calls of an episode, each with its reading, without the answer."""
+    """Return the calls of an episode, each with its reading, without the answer.
+
+    Tools take `1` for `object_1`; these calls have the whole identifier, with which fits compare it.
+    """
     return [
-        (Call(exchange.call.tool, dict(exchange.call.arguments)), reading_of(exchange))
+        (Call(exchange.call.tool, _with_whole_ids(exchange.call.arguments)), reading_of(exchange))
         for turn in episode.turns
         for exchange in turn.exchanges
         if exchange.call.tool != ANSWER
     ]
+
+
+def _with_whole_ids(arguments: Mapping[str, Any]) -> dict[str, Any]:
+    """Return arguments in which the numbers of objects are replaced by their identifiers."""
+    return {
+        name: f"object_{value}" if name.endswith("_id") and isinstance(value, str) and value.isdecimal() else value
+        for name, value in arguments.items()
+    }
 
 
 @dataclass(frozen=True, slots=True)

@@ -45,7 +45,6 @@ async def in_processes(
     """
     # Inherited by the processes. The matrices are small, so a second OpenBLAS thread would only busy-wait.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-
     loop = asyncio.get_running_loop()
 
     async def one(pool: ProcessPoolExecutor, job: J) -> None:

@@ -22,7 +22,7 @@ from evaluator.records.evidence import CERTAIN, SUFFICIENT, EvidenceRecord, Evid
 from evaluator.scores.scored_episode import MeasuredEpisode, evidence_summary
 from evaluator.store.run_folder import RunFolder
 from evaluator.study.forking import CONDITIONS, meeting
-from evaluator.study.integrity import is_held_back, is_withheld, refuse_other_worlds, seeds_of
+from evaluator.study.integrity import is_keyed_world, is_withheld, refuse_other_worlds, seeds_of
 from scenes import PackError, find_pack
 
 _DESCRIPTION = f"""\
@@ -90,7 +90,7 @@ def _evidence(args: argparse.Namespace) -> int:
         task = progress.add_task("evidence", total=len(wanted))
 
         def on_done(same: Sequence[Episode], measured: EvidenceRecord) -> None:
-            keyed = is_held_back(same[0].key.scene, args.scenes_dir)
+            keyed = is_keyed_world(same[0].key.scene, args.scenes_dir)
             found = _without_names(measured) if withheld or keyed else measured
             for number, episode in enumerate(same):
                 own = {"key": episode.key, "episode": hashes[episode.key], "seconds": 0.0 if number else found.seconds}

@@ -202,7 +202,7 @@ def is_withheld(folder: RunFolder) -> bool:
     return bool(run.plan.held_back) and not seed_key_file(folder).exists()
 
 
-def is_held_back(scene: int, scenes_dir: Path | None) -> bool:
+def is_keyed_world(scene: int, scenes_dir: Path | None) -> bool:
     """Whether a scene is a world that was made with a key, according to its record."""
     if not is_world(scene):
         return False

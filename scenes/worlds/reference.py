@@ -14,7 +14,7 @@ import numpy as np
 from scenes.course_record import Channel, Course, accepted, force, position, recorded, velocity
 from scenes.draw import KnobValue
 from scenes.pack import Knob
-from scenes.protocol import AnswerValue, Call, Exchanges, Generated, Member, Protocol
+from scenes.protocol import AnswerValue, Exchanges, Generated, Member, Protocol
 from scenes.worlds.answering import answers
 from scenes.worlds.candidates import Fit
 from scenes.worlds.experiment import LOOK_S, Situation
@@ -44,7 +44,7 @@ _BEYOND = 60.0
 
 
 def protocol(line: str) -> "WorldSolution":
-    """Return the functions of a world's `solution.py` from the line of its record."""
+    """Return the functions of a world's `solution.py` from the line of its record. Stored packs contain this name."""
     return WorldSolution(WorldRecord.model_validate_json(line))
 
 
@@ -125,7 +125,6 @@ def course_of(told: Situation, exchanges: Exchanges) -> Course:
 
     Long steps are divided into legs of at most `LOOK_S`.
     """
-    exchanges = [(_with_whole_id(asked), reading) for asked, reading in exchanges]
     course = recorded(exchanges, *_channels(told))
     clock = [0.0, *(float(reading["sim_time"]) for asked, reading in accepted(exchanges) if asked.tool == "step")]
     if len(clock) == 1:  # without a step, nothing was read
@@ -137,12 +136,6 @@ def course_of(told: Situation, exchanges: Exchanges) -> Course:
     readings = np.full((int(legs.sum()), len(told.sigma)), np.nan)
     readings[np.cumsum(legs) - 1] = course.readings
     return Course(np.repeat(durations / legs, legs), np.repeat(course.controls, legs, axis=0), readings)
-
-
-def _with_whole_id(asked: Call) -> Call:
-    """Return a call with the whole identifier of its object; tools take `1` for `object_1`."""
-    short = str(asked.arguments.get("object_id", ""))
-    return Call(asked.tool, {**asked.arguments, "object_id": f"object_{short}"}) if short.isdecimal() else asked
 
 
 def _channels(told: Situation) -> tuple[list[Channel], list[Channel]]:
