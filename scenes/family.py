@@ -204,13 +204,20 @@ def surviving(fits: Mapping[str, Member]) -> list[str]:
     """
     best = min(fits.values(), key=lambda fit: fit.chi_square)
     scale = max(1.0, reduced_chi_square(best))
-    chance = math.erfc(EXCLUDED_SIGMAS / math.sqrt(2))
     return [
         name
         for name, fit in fits.items()
-        if fit.chi_square - best.chi_square
-        <= scale * float(chdtri(float(max(best.constants - fit.constants, 1)), chance))
+        if fit.chi_square - best.chi_square <= scale * largest_excess(best.constants - fit.constants)
     ]
+
+
+def largest_excess(spared: int) -> float:
+    """Return the largest excess of chi-square over that of a better law with which a law is not excluded.
+
+    Args:
+        spared: Number of constants of the better law minus that of the other one.
+    """
+    return float(chdtri(float(max(spared, 1)), math.erfc(EXCLUDED_SIGMAS / math.sqrt(2))))
 
 
 def reduced_chi_square(fit: Member) -> float:

@@ -67,6 +67,8 @@ def _differs(constants: Constants, change: dict[str, KnobValue]) -> bool:
 def fitted_rivals(constants: Constants, episode: Episode) -> list[Rival] | None:
     """Return rivals from the pack's own fits; None if the pack defines no fits, or if they cannot fit these calls.
 
+    Each is compared with the true law alone: of many laws, one may fit better than the true one by chance.
+
     Raises:
         NotMeasurable: The fits of a generated pack fail, or exclude its law.
     """
@@ -81,9 +83,12 @@ def fitted_rivals(constants: Constants, episode: Episode) -> list[Rival] | None:
         if solution.generated:  # its fits are written for any calls, and no discrete value stands for another law
             raise NotMeasurable("the fits of other laws fail, or exclude the true one")
         return None
-    alive = surviving(fits)
     return [
-        Rival(name=name, chi_square=max(0.0, fit.chi_square - fits[drawn].chi_square), excluded=name not in alive)
+        Rival(
+            name=name,
+            chi_square=max(0.0, fit.chi_square - fits[drawn].chi_square),
+            excluded=name not in surviving({drawn: fits[drawn], name: fit}),
+        )
         for name, fit in fits.items()
         if name != drawn and not constants.subject.agrees(fit.answer, constants.key)
     ]
@@ -116,7 +121,9 @@ _FAR = 1e9
 """Chi-square of a rival whose replay returns results of another form."""
 
 
-def measured(subject: Subject, seed: int, episode: Episode, line_sha256: str) -> EvidenceRecord:
+def measured(
+    subject: Subject, seed: int, episode: Episode, line_sha256: str, *, fit_rivals: bool = True
+) -> EvidenceRecord:
     """Measure the evidence of an episode.
 
     Args:
@@ -124,17 +131,18 @@ def measured(subject: Subject, seed: int, episode: Episode, line_sha256: str) ->
         seed: Seed of the episode.
         episode: The episode.
         line_sha256: SHA-256 of the episode's line in `episodes.jsonl`.
+        fit_rivals: Whether to fit the rivals of a generated pack. They change nothing in the evidence after each call.
     """
     begun = time.process_time()
     found = EvidenceRecord(key=episode.key, episode=line_sha256)
     try:
-        changes = _measured(subject, seed, episode)
+        changes = _measured(subject, seed, episode, fit_rivals=fit_rivals)
     except (NotMeasurable, PackError, SceneError) as error:
         changes = {"not_measurable": str(error)}
     return found.model_copy(update={**changes, "seconds": round(time.process_time() - begun, 3)})
 
 
-def _measured(subject: Subject, seed: int, episode: Episode) -> dict[str, object]:
+def _measured(subject: Subject, seed: int, episode: Episode, *, fit_rivals: bool) -> dict[str, object]:
     if not subject.knobs:
         raise NotMeasurable("the pack draws no hidden values")
     if subject.spec.kind in {AnswerKind.FORMULA, AnswerKind.TEXT}:
@@ -143,7 +151,7 @@ def _measured(subject: Subject, seed: int, episode: Episode) -> dict[str, object
     told = information(constants, episode)
     if not told.calls:
         return {}  # no readings
-    fitted = fitted_rivals(constants, episode)
+    fitted = fitted_rivals(constants, episode) if fit_rivals or not subject.solution.generated else []
     others = others_of(constants, episode, told, fitted)
     turns = [turn for turn, _ in episode.accepted_calls()]
     steps = list(_steps(constants, told, others, turns))
@@ -151,8 +159,7 @@ def _measured(subject: Subject, seed: int, episode: Episode) -> dict[str, object
         *_, most = _steps(constants, told.all_counted(), others, turns)
         if most.suffices:
             raise NotMeasurable("readings not linear in the hidden values decide whether the evidence suffices")
-    rivals = [*(fitted or ()), *(_rival(told, other) for other in others)]
-    return {"calls": tuple(steps), "rivals": tuple(rivals)}
+    return {"calls": tuple(steps), "rivals": (*(fitted or ()), *(_rival(told, other) for other in others))}
 
 
 def _steps(

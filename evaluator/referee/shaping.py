@@ -17,9 +17,10 @@ _LEAST, _MOST = 1e-3, 1e2
 def shaping_of(episode: Episode, seed_of: SeedOf, folder: Path | None) -> list[float] | None:
     """Return a shaping reward for each call of an episode, refused ones and the answer included.
 
-    The potential of a state is -ln(b), where b is the largest Cramér-Rao bound of the answer in tolerances. The reward
-    of a call is the change of the potential. The sum of all changes is subtracted from the reward of the last call, so
-    the rewards add up to 0. Without discounting, such rewards change no optimal policy (Ng, Harada and Russell 1999).
+    The potential of a state is -ln(b), where b is the largest Cramér-Rao bound of the answer in tolerances, and 100
+    before the first reading. The reward of a call is the change of the potential. The sum of all changes is subtracted
+    from the reward of the last call, so the rewards add up to 0. Without discounting, such rewards change no optimal
+    policy (Ng, Harada and Russell 1999).
 
     Args:
         episode: The ended episode.
@@ -33,7 +34,7 @@ def shaping_of(episode: Episode, seed_of: SeedOf, folder: Path | None) -> list[f
         subject = Subject.open(find_pack(episode.key.scene, folder))
     except PackError:
         return None
-    evidence = measured(subject, seed_of(episode.key.scene, episode.key.seed), episode, "")
+    evidence = measured(subject, seed_of(episode.key.scene, episode.key.seed), episode, "", fit_rivals=False)
     if evidence.not_measurable:
         return None
     bounds = {step.call: step.worst_bound for step in evidence.calls}

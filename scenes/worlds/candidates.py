@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from scenes.fitting import Array
 from scenes.worlds.drawing import compatible
-from scenes.worlds.parts import Form, Modulation, Range
+from scenes.worlds.parts import DISC, RATIO, Form, Modulation, Range
 from scenes.worlds.terms import Structure, Term
 from scenes.worlds.weak_form import Whitened, named, to_unit, to_value
 
@@ -61,11 +61,10 @@ class Fit:
         return self.unit[: self.structure.bodies]
 
 
-def expected_score(fit: Fit) -> float:
-    """Return the score that a fit is expected to reach, if its misfits are linear in its constants."""
-    rows = len(fit.misfits)
-    basis = np.linalg.qr(fit.slope[:rows])[0]
-    return fit.score - float(((basis.T @ fit.misfits) ** 2).sum())
+def expected_gain(fit: Fit) -> float:
+    """Return by how much a fit is expected to decrease chi-square, if its misfits are linear in its constants."""
+    basis = np.linalg.qr(fit.slope)[0]
+    return float(((basis.T @ fit.misfits) ** 2).sum())
 
 
 def score_of(structure: Structure, misfits: Array, slope: Array) -> float:
@@ -331,9 +330,9 @@ def _sampled(bounds: Range, count: int, rng: np.random.Generator) -> Array:
         case "sign":
             value = sign * low * (high / low) ** share
         case "ratio":
-            value = np.where(sign > 0, low + (0.45 - low) * share, 1.9 + (high - 1.9) * share)
+            value = np.where(sign > 0, low + (RATIO[0] - low) * share, RATIO[1] + (high - RATIO[1]) * share)
         case "disc":
-            value = sign * high * (0.25 + 0.75 * share)
+            value = sign * high * (DISC + (1 - DISC) * share)
         case _:
             value = low + (high - low) * share
     return np.asarray(to_unit(bounds, value))

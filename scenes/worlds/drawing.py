@@ -10,7 +10,7 @@ from itertools import combinations
 from scenes.errors import WorldError
 from scenes.worlds.catalogue import forms_of, modulations_of
 from scenes.worlds.levels import Difficulty
-from scenes.worlds.parts import Apparatus, Form, Range
+from scenes.worlds.parts import DISC, RATIO, Apparatus, Form, Range
 from scenes.worlds.terms import Structure, Term
 
 SPLITS = (("train", 55), ("validation", 15), ("test", 15), ("held-back", 15))
@@ -160,9 +160,9 @@ def draw_constant(bounds: Range, rng: random.Random) -> float:
         case "sign":
             value = sign * low * (high / low) ** share
         case "ratio":  # far from 1
-            value = low + (0.45 - low) * share if sign > 0 else 1.9 + (high - 1.9) * share
+            value = low + (RATIO[0] - low) * share if sign > 0 else RATIO[1] + (high - RATIO[1]) * share
         case "disc":
-            value = sign * high * (0.25 + 0.75 * share)
+            value = sign * high * (DISC + (1 - DISC) * share)
         case _:
             value = low + (high - low) * share
     return float(f"{value:.6g}")

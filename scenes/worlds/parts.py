@@ -14,6 +14,10 @@ import math
 from dataclasses import dataclass
 from enum import StrEnum
 
+import numpy as np
+
+from scenes.fitting import Array
+
 
 class Apparatus(StrEnum):
     """Kinds of apparatus, with the bodies that an agent can push."""
@@ -33,6 +37,12 @@ class Apparatus(StrEnum):
         return self in {Apparatus.PUCK, Apparatus.PAIR}
 
 
+DISC = 0.25
+"""Smallest magnitude of a constant of scale `disc`, as a share of the largest one."""
+RATIO = 0.45, 1.9
+"""Open interval around 1 in which no constant of scale `ratio` lies."""
+
+
 @dataclass(frozen=True, slots=True)
 class Range:
     """The distribution of a constant."""
@@ -43,9 +53,36 @@ class Range:
     """Kind of distribution:
 
     `log` or `lin`; `sign`: as `log`, with random sign; `disc`: at least a quarter of `high`, with random sign; `angle`:
-    of a full or half turn; `ratio`: as `log`, but far from 1.
+    of a full or half turn; `ratio`: below or above 1, but far from it.
     """
     unit: str = "1"
+
+    @property
+    def intervals(self) -> tuple[tuple[float, float], ...]:
+        """The intervals that contain all values."""
+        low, high = self.low, self.high
+        match self.scale:
+            case "sign":
+                return (-high, -low), (low, high)
+            case "disc":
+                return (-high, -DISC * high), (DISC * high, high)
+            case "ratio":
+                return (low, RATIO[0]), (RATIO[1], high)
+            case _:
+                return ((low, high),)
+
+    def beyond(self, values: Array) -> Array:
+        """Return the distance of values from the nearest interval, relative to the size of its end, or to its width.
+
+        The smaller of the two is used. The distance of an angle is 0, because all angles are possible.
+        """
+        if self.scale == "angle":
+            return np.zeros_like(values)
+        distances: list[Array] = []
+        for low, high in self.intervals:
+            below, above = (min(abs(end) or math.inf, high - low) for end in (low, high))
+            distances.append(np.maximum(np.maximum((low - values) / below, (values - high) / above), 0))
+        return np.minimum.reduce(distances)
 
 
 @dataclass(frozen=True, slots=True)

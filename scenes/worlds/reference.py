@@ -1,7 +1,7 @@
 """The functions in the `solution.py` of a world: reference protocol, answer key, and fits of rival laws to an episode.
 
-A rival differs from the true law by one form or modulation, as in the certificate "determined" (`rivals`). It is fitted
-to the readings of any agent, however few: readings that were not made contain no information.
+A rival differs from the true law by one form or modulation (`Refits.fit_similar`). It is fitted to the readings of any
+agent, however few: readings that were not made contain no information.
 """
 
 import math
@@ -34,13 +34,12 @@ from scenes.worlds.reference import protocol
 solve = protocol({line!r})
 '''
 """The content of `solution.py`. It is part of the hash of a pack, by which runs are compared."""
-_ROUNDS = 6
 _STEP_S, _FINE_S = 0.05, 0.01
 """Longest integration steps for the answers of rivals, and for the key [s]."""
 _NEAREST = 8
 """Number of rivals that are reported although the readings exclude them."""
 _BEYOND = 60.0
-"""Chi-square, more than that of the true law, above which a rival is reported only if it is one of the nearest."""
+"""Excess of chi-square above which a rival is reported only if it is one of the nearest."""
 
 
 def protocol(line: str) -> "WorldSolution":
@@ -85,7 +84,7 @@ class WorldSolution:
         return Generated(knobs, mjcf)
 
     def rivals(self, exchanges: Exchanges) -> dict[str, Member]:
-        """Fit the true law and those that differ from it by one part to the calls and readings of an episode.
+        """Fit the true law, and all that differ from it by one part, to an episode.
 
         Laws that contradict a `which` question, because none or several of its options act, are omitted.
 
@@ -94,19 +93,15 @@ class WorldSolution:
         """
         record, course = self.record, course_of(self.record.told, exchanges)
         refits = Refits(record.structure, record.constants, record.told, course)
-        search, drawn = refits.search, refits.drawn
-        with np.errstate(all="ignore"):
-            for near in search.neighbours(drawn):
-                search.fit(*near, _ROUNDS)
+        drawn, *similar = refits.fit_similar()
         asked = [question for question in record.questions if question.options]
         others = [
             fit
-            for fit in sorted(search.best(), key=lambda fit: fit.chi_square)
-            if not fit.structure.repeats
-            and fit.structure != record.structure
-            and not any(math.isnan(option_of(fit.structure, question)) for question in asked)
+            for fit in sorted(similar, key=lambda fit: fit.chi_square)
+            if not any(math.isnan(option_of(fit.structure, question)) for question in asked)
         ]
-        near_enough = sum(fit.chi_square < drawn.chi_square + _BEYOND for fit in others)
+        beyond = _BEYOND * max(1.0, drawn.chi_square / max(course.count, 1))
+        near_enough = sum(fit.chi_square < drawn.chi_square + beyond for fit in others)
         kept = [drawn, *others[: max(near_enough, _NEAREST)]]
         return {fit.structure.label: self._member(fit, course.count) for fit in kept}
 

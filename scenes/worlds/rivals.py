@@ -1,22 +1,21 @@
 """Certificates of worlds by fits of other structures: the answers are determined, and the options distinguishable.
 
 "Determined": every similar structure that explains the readings gives the same answers. Similar structures have one
-form or modulation more or less than the true one, or one term replaced. A structure explains the readings if the
+form or modulation more or less than the true one, or one term replaced. Only those additions and replacements are
+tested that a score test ranks highest (`Search.neighbours`). A structure explains the readings if the
 chi-square test of `scenes.family` does not exclude it. An agent that infers such a structure has made no mistake, so
 its answers must be right too. "Distinguishable": no wrong option of a `which` question explains the readings in place
 of the true one.
 """
 
 import itertools
-import math
 import random
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
-from scipy.special import chdtri
 
-from scenes.family import EXCLUDED_SIGMAS
+from scenes.family import largest_excess
 from scenes.fitting import Array, refined
 from scenes.worlds.answering import answers
 from scenes.worlds.candidates import Fit
@@ -31,7 +30,6 @@ from scenes.worlds.weak_form import named
 
 _ROUNDS = 6
 _STEP_S = 0.05
-_CHANCE = math.erfc(EXCLUDED_SIGMAS / math.sqrt(2))
 
 
 def rival_of(refits: Refits, asked: Sequence[Question], key: Array, before: Fit | None = None) -> Fit | None:
@@ -54,8 +52,7 @@ def rival_of(refits: Refits, asked: Sequence[Question], key: Array, before: Fit 
 def _as_good(rivals: Iterator[Fit], drawn: Fit) -> Iterator[Fit]:
     """Yield the fits whose chi-square does not significantly exceed that of the true law, as in `scenes.family`."""
     for fit in rivals:
-        spared = max(len(drawn.unit) - len(fit.unit), 1)
-        if fit.chi_square - drawn.chi_square <= float(chdtri(float(spared), _CHANCE)):
+        if fit.chi_square - drawn.chi_square <= largest_excess(len(drawn.unit) - len(fit.unit)):
             yield fit
 
 

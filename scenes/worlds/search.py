@@ -15,12 +15,12 @@ from threading import Event
 import numpy as np
 
 from scenes.fitting import Array, refined
-from scenes.worlds.candidates import PART, Candidates, Fit, Offer, changed, expected_score, plainer
+from scenes.worlds.candidates import PART, Candidates, Fit, Offer, changed, expected_gain, plainer
 from scenes.worlds.catalogue import forms_of, modulations_of
 from scenes.worlds.course_fits import fit_at, on_course
 from scenes.worlds.parts import Form, Modulation
 from scenes.worlds.terms import Structure, Term
-from scenes.worlds.weak_form import Legs
+from scenes.worlds.weak_form import Legs, Whitened
 
 _ROUNDS, _REFITTED = 8, 2
 """Iterations of a fit, and those of a law without a part, before another part is chosen in its place."""
@@ -71,6 +71,8 @@ class Search:
     halted: Event = field(default_factory=Event)
     about: tuple[Structure, Array] | None = None
     """Law from which the transitions of the first fits are computed; None for a law without terms."""
+    whitened: Whitened = field(init=False)
+    """The whitened legs, to which structures are fitted."""
     found: dict[Structure, Fit] = field(default_factory=dict[Structure, Fit])
     """All structures fitted since the last linearisation, each with its best fit."""
     tried: int = 0
@@ -117,7 +119,7 @@ class Search:
         """Fit a known structure with unknown constants: sample many points, refine the best, then proceed as `tell`."""
         for _ in range(_TRIES):
             units = self._rng.random((len(structure.ranges), _POINTS))
-            costs = (self._whitened.misfits(structure, units) ** 2).sum(axis=0)
+            costs = (self.whitened.misfits(structure, units) ** 2).sum(axis=0)
             for at in np.argsort(costs)[:_STARTS]:
                 self.fit(structure, units[:, at], _ROUNDS)
             self.tell(structure, self.found[structure].unit)
@@ -197,19 +199,19 @@ class Search:
 
     def _refined(self, structure: Structure, unit: Array, rounds: int) -> Fit:
         """Fit a structure from a point."""
-        misfits = partial(self._whitened.misfits, structure)
+        misfits = partial(self.whitened.misfits, structure)
         return fit_at(structure, refined(misfits, np.clip(unit, -0.1, 1.1), rounds), misfits)
 
     def _fitted(self, structure: Structure, unit: Array) -> Fit:
         """Return the fit object of a structure at given constants, without optimising them."""
-        return fit_at(structure, unit, partial(self._whitened.misfits, structure))
+        return fit_at(structure, unit, partial(self.whitened.misfits, structure))
 
     def _about(self, legs: Legs, structure: Structure, unit: Array) -> None:
         """Linearise the legs around a path; a law gives the change of each leg's end with its start."""
         apparatus = legs.told.apparatus
-        self.legs, self._whitened = legs, legs.about(structure, unit)
+        self.legs, self.whitened = legs, legs.about(structure, unit)
         self._candidates = Candidates(
-            self._whitened,
+            self.whitened,
             forms_of(apparatus) if self.forms is None else self.forms,
             modulations_of(apparatus) if self.modulations is None else self.modulations,
             self._rng,
@@ -222,7 +224,7 @@ class Search:
             share: Fraction of the model error to keep.
         """
         best = self.best()[: 4 * self.width]
-        legs = self._whitened.smoothed(best[0].structure, best[0].unit)
+        legs = self.whitened.smoothed(best[0].structure, best[0].unit)
         self._about(replace(legs, drift=max(_LEAST_DRIFT, share * legs.drift)), best[0].structure, best[0].unit)
         self.found = {}
         for fit in best:
@@ -269,22 +271,39 @@ class Search:
                 different.setdefault(structure, start)
         return list(different.items())[:_FITTED]
 
-    def neighbours(self, node: Fit, barred: frozenset[str] = frozenset()) -> Iterator[tuple[Structure, Array]]:
+    def neighbours(self, node: Fit) -> Iterator[tuple[Structure, Array]]:
         """Return structures with a part added, removed or replaced, each with initial constants."""
         parts = node.parts()
-        yield from self._candidates.more(node, barred, _OFFERS)
+        yield from self._candidates.more(node, frozenset(), _OFFERS)
         for at, (term, unit) in enumerate(parts):
             rest = parts[:at] + parts[at + 1 :]
             for number in range(len(term.modulations)):
                 yield changed(node, [*rest, plainer(term, unit, number)])
             less = changed(node, rest)
-            yield from self._candidates.more(self._fitted(*less), barred, _SWAPPED)
+            yield from self._candidates.more(self._fitted(*less), frozenset(), _SWAPPED)
             yield less
+
+    def all_neighbours(self, node: Fit) -> Iterator[tuple[Structure, Array]]:
+        """Return all structures that differ from a fitted one by one part, some of them twice, with initial constants.
+
+        A part is a form, alone or with one modulation, or a modulation. It is added, removed or replaced.
+        """
+        parts, propose = node.parts(), self._candidates
+        offers = propose.offers(node, node.structure.modulations)
+        for at, (term, unit) in enumerate(parts):
+            rest = parts[:at] + parts[at + 1 :]
+            for number in range(len(term.modulations)):
+                less = self._fitted(*changed(node, [*rest, plainer(term, unit, number)]))
+                offers += [(0.0, less.structure, less.unit), *propose.modulations(less, less.structure.modulations)]
+            less = self._fitted(*changed(node, rest))
+            offers += [(0.0, less.structure, less.unit), *propose.offers(less, less.structure.modulations)]
+            offers += propose.other_forms(less, term, unit, frozenset())
+        yield from ((structure, start) for _, structure, start in offers if structure != node.structure)
 
 
 def _instead(less: Fit, offers: Sequence[Offer]) -> list[Offer]:
     """Return a structure that lacks a part, and those with another part in its place, with their expected scores."""
-    score = expected_score(less)
+    score = less.score - expected_gain(less)
     return [(score, less.structure, less.unit), *((score - gain, added, unit) for gain, added, unit in offers)]
 
 

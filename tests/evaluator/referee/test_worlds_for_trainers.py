@@ -6,11 +6,12 @@ from pathlib import Path
 from typing import Any
 
 import httpx
+import httpx2
 import pytest
 
 from evaluator.answers.keys import KeyRing
 from evaluator.episode.connect import connect
-from evaluator.episode.hosts import HostConnector
+from evaluator.episode.hosts import HostConnector, mcp_client
 from evaluator.errors import RefusedRequest
 from evaluator.records.run import Plan, RunRecord, ServerRecord
 from evaluator.referee.contract import Variant, WantedEpisode
@@ -19,6 +20,7 @@ from evaluator.referee.requests import app
 from evaluator.referee.selection import variant_of
 from evaluator.store.run_folder import RunFolder
 from scenes.world_names import scene_id_of
+from scenes.worlds.reference import WorldSolution
 from tests.builders.worlds import write_worlds
 
 TRAIN, VALIDATION, TEST = 0, 6, 8
@@ -76,7 +78,9 @@ def test_what_cannot_be_opened_is_said(worlds: Path, values: dict[str, Any], sta
 
 
 @asynccontextmanager
-async def _refereeing(worlds: Path, out: Path) -> AsyncGenerator[tuple[Referee, httpx.AsyncClient]]:
+async def _refereeing(
+    worlds: Path, out: Path, *, shapes: bool = False
+) -> AsyncGenerator[tuple[Referee, httpx.AsyncClient]]:
     record = RunRecord(
         created_at="2026-01-01T00:00:00+00:00",
         plan=Plan(scenes=(), agents=("trainer",)),
@@ -87,7 +91,7 @@ async def _refereeing(worlds: Path, out: Path) -> AsyncGenerator[tuple[Referee, 
     folder.create(resume=False)
     async with connect("host", worlds) as host:
         assert isinstance(host, HostConnector)
-        referee = Referee(host, KeyRing(worlds), record, folder=folder)
+        referee = Referee(host, KeyRing(worlds), record, folder=folder, shapes=shapes)
         served = app(referee)
         async with (
             served.router.lifespan_context(served),
@@ -115,3 +119,34 @@ async def test_an_episode_of_a_world_is_opened_checked_and_recorded(worlds: Path
             refused = await http.post("/episodes", json=body)
             assert refused.status_code == 400
             assert refused.json()["error"].startswith("world")
+
+
+async def test_shaping_rewards_the_readings_in_a_world_and_fits_no_rivals(
+    worlds: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fail(*_: object) -> None:
+        raise AssertionError("fits that change no reward")
+
+    monkeypatch.setattr(WorldSolution, "rivals", fail)
+    body = {"object_id": "object_1"}
+    calls = [
+        ("apply_torque", body | {"torque_vector": [0.0, 0.0, 2.0]}),
+        ("step", {"duration": 2.0}),
+        ("get_position", body),
+        ("get_position", {"object_id": "object_9"}),
+        ("step", {"duration": 2.0}),
+        ("get_velocity", body),
+        ("step", {"duration": 2.0}),
+    ]
+    async with _refereeing(worlds, tmp_path / "run", shapes=True) as (_, http):
+        opened = (await http.post("/episodes", json={"world": {"level": 1}, "index": 0})).json()
+        player = {"Authorization": f"Bearer {opened['player_token']}"}
+        async with httpx2.AsyncClient(headers=player) as http2, mcp_client(opened["mcp_url"], http2) as client:
+            for tool, arguments in calls:
+                await client.call_tool(tool, arguments)
+        owner = {"Authorization": f"Bearer {opened['owner_token']}"}
+        ended = await http.post(f"/episodes/{opened['episode_id']}/reward", json={"end": "agent_error"}, headers=owner)
+    shaping = ended.json()["shaping"]
+    assert len(shaping) == len(calls)
+    assert [reward > 0.1 for reward in shaping[:-1]] == [False, False, True, False, False, True]
+    assert sum(shaping) == pytest.approx(0, abs=1e-9)

@@ -120,6 +120,23 @@ def test_a_law_that_is_not_excluded_makes_the_evidence_of_the_episode_weak() -> 
     assert possible.worst_bound > 0.5
 
 
+@pytest.mark.parametrize(
+    ("count", "sentence"),
+    [
+        (1, "guessed right without evidence; not excluded: law 0</dd>"),
+        (5, "not excluded: law 0, law 1, law 2, law 3, law 4</dd>"),
+        (7, "not excluded: law 0, law 1, law 2, law 3, law 4 and 2 more</dd>"),
+    ],
+)
+def test_a_report_names_at_most_five_laws_that_are_not_excluded(count: int, sentence: str) -> None:
+    row = measured(played(8, "model:x", 20, right=True), 0.1)
+    assert row.evidence is not None
+    excluded = Rival(name="excluded", chi_square=50, excluded=True)
+    rivals = [Rival(name=f"law {number}", chi_square=1, excluded=False) for number in range(count)]
+    evidence = row.evidence.model_copy(update={"rivals": (excluded, *rivals)})
+    assert sentence in render([run_of([replace(row, evidence=evidence)])]).page
+
+
 @pytest.mark.parametrize(("width", "scheme"), [(1280, "light"), (390, "dark")])
 def test_planes_fit_the_window_lead_to_episodes_and_the_list_filters_by_verdict(
     browser: Page, run: Run, tmp_path: Path, width: int, scheme: str

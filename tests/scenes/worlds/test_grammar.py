@@ -9,10 +9,10 @@ from evaluator.certify.worlds import course_gap, engine_answers
 from scenes.worlds.acceptance import FORCE
 from scenes.worlds.answering import answers
 from scenes.worlds.catalogue import FORMS, MODULATIONS, forms_of, modulations_of
-from scenes.worlds.drawing import draw_constants
+from scenes.worlds.drawing import draw_constant, draw_constants
 from scenes.worlds.equations import followed, moved, rates_of
 from scenes.worlds.experiment import Situation, simulated
-from scenes.worlds.parts import Apparatus, Form, Modulation
+from scenes.worlds.parts import Apparatus, Form, Modulation, Range
 from scenes.worlds.questions import Question, tolerance
 from scenes.worlds.records import WorldRecord
 from scenes.worlds.terms import Structure, Term
@@ -128,3 +128,27 @@ def test_a_structure_without_a_part_keeps_the_constants_of_the_others() -> None:
 def test_terms_have_one_order_whatever_they_are_given_in() -> None:
     terms = (Term("wind"), Term("grain", ("fading",)))
     assert Structure(Apparatus.PUCK, terms) == Structure(Apparatus.PUCK, terms[::-1])
+
+
+@pytest.mark.parametrize(
+    ("bounds", "values", "distances"),
+    [
+        (Range(0.5, 2.0), [0.5, 2.0, 0.45, 2.3], [0, 0, 0.1, 0.2]),
+        (Range(0.0, 4.0, "lin"), [0.0, -1.0, 6.0], [0, 0.25, 0.5]),
+        (Range(0.2, 1.0, "sign"), [-0.5, 0.1, -0.1, 1.5], [0, 0.5, 0.5, 0.625]),
+        (Range(0.0, 2.0, "disc"), [-1.0, 0.25, -2.3], [0, 0.5, 0.2]),
+        (Range(0.2, 4.0, "ratio"), [0.3, 3.0, 1.0, 0.1], [0, 0, 0.9 / 1.9, 0.5]),
+        (Range(0.0, 3.0, "angle"), [-50.0, 50.0], [0, 0]),
+    ],
+    ids=lambda value: value.scale if isinstance(value, Range) else "",
+)
+def test_the_distance_from_a_range_is_relative(bounds: Range, values: list[float], distances: list[float]) -> None:
+    assert bounds.beyond(np.array(values)) == pytest.approx(distances)
+
+
+def test_a_sampled_constant_is_in_its_range() -> None:
+    rng = random.Random(3)
+    ranges = [bounds for part in (*FORMS.values(), *MODULATIONS.values()) for bounds in part.constants.values()]
+    assert {bounds.scale for bounds in ranges} == {"log", "lin", "sign", "disc", "ratio", "angle"}
+    for bounds in ranges:
+        assert bounds.beyond(np.array([draw_constant(bounds, rng) for _ in range(50)])).max() < 1e-5
