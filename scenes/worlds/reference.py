@@ -100,8 +100,8 @@ class WorldSolution:
             for fit in sorted(similar, key=lambda fit: fit.chi_square)
             if not any(math.isnan(option_of(fit.structure, question)) for question in asked)
         ]
-        beyond = _BEYOND * max(1.0, drawn.chi_square / max(course.count, 1))
-        near_enough = sum(fit.chi_square < drawn.chi_square + beyond for fit in others)
+        farthest = drawn.chi_square + _BEYOND * max(1.0, drawn.chi_square / max(course.count, 1))
+        near_enough = sum(fit.chi_square < farthest for fit in others)
         kept = [drawn, *others[: max(near_enough, _NEAREST)]]
         return {fit.structure.label: self._member(fit, course.count) for fit in kept}
 

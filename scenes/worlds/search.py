@@ -272,7 +272,11 @@ class Search:
         return list(different.items())[:_FITTED]
 
     def neighbours(self, node: Fit) -> Iterator[tuple[Structure, Array]]:
-        """Return structures with a part added, removed or replaced, each with initial constants."""
+        """Return structures with a part added, removed or replaced, each with initial constants.
+
+        Of the additions and replacements, only those that the score test ranks highest are returned. The certificates
+        of published worlds depend on this choice; `all_neighbours` returns all.
+        """
         parts = node.parts()
         yield from self._candidates.more(node, frozenset(), _OFFERS)
         for at, (term, unit) in enumerate(parts):

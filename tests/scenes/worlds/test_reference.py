@@ -210,11 +210,14 @@ def many_calls() -> list[Call]:
 
 def test_readings_exclude_laws_that_differ_by_one_part_if_there_are_enough(tmp_path: Path) -> None:
     few = rivals_after(record_of(), CALLS, tmp_path / "few")
+    some = rivals_after(record_of(), many_calls()[:42], tmp_path / "some")
     many = rivals_after(record_of(), many_calls(), tmp_path / "many")
     assert few.calls[-1].suffices
     assert not all(rival.excluded for rival in few.rivals)
     assert not few.suffices
-    assert many.calls[-1].bounds < few.calls[-1].bounds
+    assert some.calls[-1].suffices
+    assert {rival.excluded for rival in some.rivals} == {True, False}
+    assert not some.suffices
     assert many.suffices
 
 
